@@ -1,0 +1,1 @@
+"""Golden-vector checks, one module per stage of the PyTorch release."""

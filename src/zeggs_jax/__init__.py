@@ -1,0 +1,1 @@
+"""zeggs-jax: co-speech gesture generation in JAX."""

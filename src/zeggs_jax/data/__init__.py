@@ -1,0 +1,1 @@
+"""Corpora: pairs of speech and motion, made into arrays and batches."""

@@ -1,0 +1,1 @@
+"""Rotations: quaternions and two-axis rotations, free of bodies and files."""

@@ -1,0 +1,1 @@
+"""Measures of generated motion, with their constants stated."""

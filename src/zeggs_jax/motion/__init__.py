@@ -1,0 +1,1 @@
+"""Bodies: BVH text, skeletons, poses, and the features the networks read."""

@@ -1,0 +1,1 @@
+"""Layers with the initialisers and layouts of the PyTorch release."""

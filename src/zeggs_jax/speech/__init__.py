@@ -1,0 +1,1 @@
+"""Sound: wave files in, log-mel features at the rate of the motion out."""

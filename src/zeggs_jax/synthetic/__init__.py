@@ -1,0 +1,1 @@
+"""A synthetic corpus with known ground truth, free of licences."""

@@ -1,0 +1,1 @@
+"""Train state, loop, optimiser and checkpoints, for any network."""
