@@ -1,0 +1,248 @@
+"""The `zeggs` command: one function for each subcommand, one sentence for each thing that can go wrong."""
+
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from tqdm import tqdm
+from tyro.conf import Positional, UseAppendAction, arg
+
+Out = Annotated[Path, arg(aliases=["-o"])]
+Styles = Annotated[UseAppendAction[tuple[str, ...]], arg(aliases=["-s"], metavar="STYLE")]
+Ranges = Annotated[tuple[str, ...], arg(metavar="A:B")]
+
+app = tyro.extras.SubcommandApp()
+
+
+@app.command
+def demo(out: Out = Path("demo"), styles: tuple[str, ...] = ("neutral", "happy", "angry", "old", "sad", "oration"),
+         speech: Path | None = None, seed: int = 1234) -> None:
+    """Make one speech gesture in several styles: BVH and WAV files and one page, index.html, to watch them.
+
+    Args:
+        out: The folder to write to.
+        styles: Bundled styles to show, or style clips.
+        speech: A recording of your own; a bundled one when left out.
+        seed: The seed of the style samples.
+    """
+    from .stage import player
+    from .zeroeggs import generate as g
+
+    _prepare_folder(out)
+    model, speech = g.bundled_model(), speech or g.bundled_speech()
+    figures = []
+    for style in tqdm(styles, desc="generating", unit="style"):
+        gesture = g.generate(speech, g.Request(styles=(style,), seed=seed), model=model)
+        name = Path(style).stem
+        g.save(out / f"{name}.bvh", gesture)
+        figures.append(player.Figure(name, gesture.clip, speech))
+    g.copy_speech(speech, out / "speech.wav")
+    player.write(out / "index.html", figures, title="One speech, several styles")
+    print(f"wrote {len(figures)} BVH files, speech.wav and index.html; open {out / 'index.html'}")
+
+
+@app.command
+def generate(
+    speech: Positional[Path | None] = None,
+    /,
+    *,
+    out: Out,
+    style: Styles = (),
+    weights: tuple[float, ...] = (),
+    spans: tuple[float, ...] = (),
+    frames: Ranges = (),
+    first_pose: Path | None = None,
+    temperature: float = 1.0,
+    seed: int = 1234,
+    html: Path | None = None,
+    checkpoint: Path | None = None,
+    csv: Path | None = None,
+) -> None:
+    """Make a gesturing body from a speech recording, in a style.
+
+    Args:
+        speech: A WAV, FLAC or OGG recording.
+        out: The BVH file to write (with --csv: the folder).
+        style: A bundled style (see 'zeggs styles'), a .bvh clip, or an .npz from 'zeggs embed'; repeat to mix.
+        weights: Blend the styles with these weights (they sum to 1).
+        spans: Or play the styles one after the other, each for this share of the time (they sum to 1).
+        frames: Cut the style clips to frames A to B (B not included); one for each style, or one for all.
+        first_pose: A .bvh whose first frame the body starts from.
+        temperature: 0 gives the mean of the style, higher values vary more.
+        seed: The same seed gives the same file.
+        html: Also write a page that plays the body with its speech.
+        checkpoint: A model of your own, from 'zeggs train' or 'zeggs convert'.
+        csv: Make many at once; columns audio, style, file_name and so on (see docs).
+    """
+    from .stage import player
+    from .zeroeggs import generate as g
+
+    model = g.load_model(checkpoint) if checkpoint else g.bundled_model()
+    request = g.Request(
+        styles=style or ("neutral",),
+        weights=weights,
+        spans=spans,
+        frames=tuple(_frame_range(text) for text in frames),
+        first_pose=None if first_pose is None else str(first_pose),
+        temperature=temperature,
+        seed=seed,
+    )
+    if csv is not None:
+        from .zeroeggs import batch
+
+        _prepare_folder(out)
+        batch.generate_all(csv, out, request, model)
+        return
+    if speech is None:
+        raise ValueError("no speech was given; name a recording, or a table of them with --csv.")
+    for path in filter(None, (out, html)):
+        _prepare_folder(path.parent)
+    gesture = g.generate(speech, request, model=model)
+    g.save(out, gesture)
+    if html is not None:
+        player.write(html, [player.Figure(" + ".join(map(_stem, request.styles)), gesture.clip, speech)])
+    print(f"wrote {out}: {gesture.clip.euler.shape[0]} frames")
+
+
+@app.command
+def embed(clips: Positional[tuple[str, ...]], /, *, out: Out, frames: Ranges = (), checkpoint: Path | None = None) -> None:
+    """Encode style clips and save their embeddings, to generate from later.
+
+    Args:
+        clips: Bundled styles or .bvh clips.
+        out: The .npz file to write (for several clips: the folder).
+        frames: Cut the clips to frames A to B (B not included); one for each clip, or one for all.
+        checkpoint: A model of your own, from 'zeggs train' or 'zeggs convert'.
+    """
+    from .zeroeggs import examples
+    from .zeroeggs import generate as g
+
+    model = g.load_model(checkpoint) if checkpoint else g.bundled_model()
+    request = g.Request(styles=clips, frames=tuple(_frame_range(text) for text in frames))
+    paths = [out] if len(clips) == 1 else [out / f"{_stem(clip)}.npz" for clip in clips]
+    for path, example in zip(paths, g.read_styles(request, model), strict=True):
+        _prepare_folder(path.parent)
+        examples.save(path, example, model)
+        print(f"wrote {path}")
+
+
+@app.command
+def styles() -> None:
+    """List the bundled styles."""
+    from .zeroeggs import examples
+
+    print("\n".join(examples.bundled()))
+
+
+@app.command
+def prepare(corpus: Positional[Path], /, *, out: Out, as_released: bool = False, rate: float | None = None) -> None:
+    """Turn a folder of BVH and WAV pairs into the arrays that training reads.
+
+    Args:
+        corpus: A folder of name.bvh + name.wav, or the ZEGGS download.
+        out: The folder to write to.
+        as_released: Reproduce the release's data pipeline, its errors included.
+        rate: Resample the motion to this many frames per second.
+    """
+    from .data import prepare as data
+
+    _prepare_folder(out)
+    data.prepare(corpus, out, data.PrepareConfig(as_released=as_released, rate_hz=rate))
+
+
+@app.command
+def train(corpus: Positional[Path], /, *, out: Out, config: Path | None = None, steps: int | None = None) -> None:
+    """Train a model on a corpus; run the same command again to go on where it stopped.
+
+    Args:
+        corpus: A folder of name.bvh + name.wav pairs, or one that 'zeggs prepare' wrote.
+        out: The folder of the run: checkpoints and log.
+        config: A JSON file with the settings to change; the paper's, as released, when left out.
+        steps: How many steps to train, whatever the settings say.
+    """
+    from .zeroeggs import train as t
+
+    _prepare_folder(out)
+    settings = t.read_config(config) if config else t.TrainConfig()
+    if steps is not None:
+        settings = replace(settings, steps=steps)
+    t.train(t.prepared(corpus, out), out, settings)
+
+
+@app.command
+def convert(
+    *, out: Out, networks: Path | None = None, processed: Path | None = None, to_torch: Path | None = None
+) -> None:
+    """Turn the PyTorch release's files into a checkpoint, or a checkpoint back into plain arrays.
+
+    Args:
+        out: The checkpoint to write (with --to-torch: the .npz).
+        networks: The folder of decoder.pt, style_encoder.pt and speech_encoder.pt.
+        processed: The folder of stats.npz, data_definition.json and data_pipeline_conf.json.
+        to_torch: A checkpoint to write back as arrays named as in the release's state_dicts.
+    """
+    from .zeroeggs import release_files
+
+    _prepare_folder(out.parent)
+    if to_torch is not None:
+        release_files.export(to_torch, out)
+    elif networks is None or processed is None:
+        raise ValueError("convert needs --networks and --processed, or --to-torch; see 'zeggs convert --help'.")
+    else:
+        release_files.convert(networks, processed, out)
+    print(f"wrote {out}")
+
+
+@app.command
+def view(clips: Positional[tuple[Path, ...]], /, *, out: Out = Path("view.html"), speech: Path | None = None) -> None:
+    """Write a page that plays BVH clips side by side, with a speech if one is given.
+
+    Args:
+        clips: The .bvh files.
+        out: The page to write.
+        speech: The recording to play with them.
+    """
+    from .stage import player
+
+    _prepare_folder(out.parent)
+    player.write(out, [player.read_figure(clip, speech) for clip in clips])
+    print(f"wrote {out}")
+
+
+def _stem(style: str) -> str:
+    return Path(style).stem
+
+
+def _frame_range(text: str) -> tuple[int, int]:
+    start, colon, stop = text.partition(":")
+    if not (colon and start.strip().isdigit() and stop.strip().isdigit() and int(start) < int(stop)):
+        raise ValueError(f"--frames got '{text}'; give START:STOP in frames, such as 30:150.")
+    return int(start), int(stop)
+
+
+def _prepare_folder(folder: Path) -> None:
+    """Creates the folder and proves that it can be written to, before any work is done."""
+    probe = folder / f".zeggs-{os.getpid()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise ValueError(f"cannot write to folder '{folder}' ({error.strerror}); name another one.") from error
+
+
+def main() -> None:
+    """Runs the command line; bad input ends in one sentence on stderr and exit status 2."""
+    try:
+        app.cli(prog="zeggs", description="Speech in, a moving body out, in a style you choose.",
+                )
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except (ValueError, OSError) as error:
+        if os.environ.get("ZEGGS_DEBUG"):
+            raise
+        print(f"zeggs: {' '.join(str(error).split())}", file=sys.stderr)
+        sys.exit(2)

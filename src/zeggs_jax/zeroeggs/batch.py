@@ -1,0 +1,95 @@
+"""Many generations from one table: the release's CSV columns, one BVH for each row."""
+
+import csv
+from pathlib import Path
+from typing import NamedTuple
+
+from tqdm import tqdm
+
+from . import generate as g
+from .model import Model
+
+COLUMNS = ("base_path", "audio", "style", "file_name", "temperature", "seed", "use_gpu", "frames", "first_pose", "generate")
+IGNORED = ("use_gpu",)  # JAX picks the device
+
+
+class Job(NamedTuple):
+    """One row of the table."""
+
+    speech: Path
+    request: g.Request
+    file_name: str
+
+
+def read_table(path: Path, defaults: g.Request) -> list[Job]:
+    """The rows to generate (those whose `generate` is not false), in the table's order.
+
+    Paths are joined to the row's `base_path`, itself taken from the table's folder. `frames` is 'START STOP'.
+    A missing cell takes the value of `defaults`; backslashes in paths count as slashes.
+
+    Raises:
+        ValueError, OSError: missing table, unknown column, row without audio, malformed number.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"table '{path}' does not exist; give a .csv with the columns {', '.join(COLUMNS)}.")
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        reader = csv.DictReader(file, skipinitialspace=True)
+        unknown = [column for column in reader.fieldnames or () if column not in COLUMNS]
+        if unknown or "audio" not in (reader.fieldnames or ()):
+            wrong = f"column '{unknown[0]}'" if unknown else "no column 'audio'"
+            raise ValueError(f"table '{path.name}' has {wrong}; the columns are {', '.join(COLUMNS)}.")
+        rows = [{k: (v or "").strip() for k, v in row.items() if k} for row in reader]
+    wanted = [(n, row) for n, row in enumerate(rows, 2) if row.get("generate", "").lower() not in ("0", "false", "no")]
+    if not wanted:
+        raise ValueError(f"table '{path.name}' has no row to generate.")
+    return [_job(row, f"line {n} of table '{path.name}'", path.parent, defaults) for n, row in wanted]
+
+
+def _job(row: dict[str, str], where: str, folder: Path, defaults: g.Request) -> Job:
+    if not row.get("audio"):
+        raise ValueError(f"{where} has no audio; give the path of a recording.")
+    base = folder / _slashes(row.get("base_path", ""))
+    audio = base / _slashes(row["audio"])
+    try:
+        temperature = float(row.get("temperature") or defaults.temperature)
+        seed = int(row.get("seed") or defaults.seed)
+        cut = tuple(int(number) for number in row.get("frames", "").split())
+    except ValueError as error:
+        raise ValueError(f"{where} has a malformed number in temperature, seed or frames.") from error
+    if len(cut) not in (0, 2):
+        raise ValueError(f"{where} has frames '{row['frames']}'; give 'START STOP'.")
+    style = _style(row.get("style", ""), base, defaults)
+    first = row.get("first_pose")
+    request = defaults._replace(
+        styles=style,
+        frames=((cut[0], cut[1]),) if cut else defaults.frames,
+        first_pose=str(base / _slashes(first)) if first else defaults.first_pose,
+        temperature=temperature,
+        seed=seed,
+    )
+    name = row.get("file_name") or f"audio_{audio.stem}_label_{Path(style[0]).stem}"
+    return Job(audio, request, Path(_slashes(name)).name.removesuffix(".bvh"))
+
+
+def _style(cell: str, base: Path, defaults: g.Request) -> tuple[str, ...]:
+    if not cell:
+        return defaults.styles
+    is_file = cell.lower().endswith((".bvh", ".npz"))
+    return (str(base / _slashes(cell)) if is_file else cell,)
+
+
+def _slashes(text: str) -> str:
+    return text.replace("\\", "/")
+
+
+def generate_all(table: Path, out: Path, defaults: g.Request, model: Model) -> list[Path]:
+    """Generates every row into `out`, with a progress bar; the whole table is read before the first."""
+    jobs = read_table(table, defaults)
+    names = [job.file_name for job in jobs]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ValueError(f"table '{table.name}' writes '{twice}.bvh' twice; give each row its own file_name.")
+    return [
+        g.save(out / f"{job.file_name}.bvh", g.generate(job.speech, job.request, model=model))
+        for job in tqdm(jobs, desc="generating", unit="clip")
+    ]

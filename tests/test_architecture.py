@@ -1,0 +1,108 @@
+"""The house's rules that a machine can check: import arrows, captions, lengths, rooms that touch the disk."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "src" / "zeggs_jax"
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+ARROWS = {
+    "cli": {"zeroeggs", "diffuclip", "data", "synthetic", "stage", "metrics"},
+    "zeroeggs": {"data", "motion", "speech", "nn", "training"},
+    "diffuclip": {"data", "motion", "speech", "nn", "training"},
+    "synthetic": {"motion", "speech", "geometry"},
+    "stage": {"motion"},
+    "metrics": {"motion", "nn", "training"},
+    "data": {"motion", "speech"},
+    "motion": {"geometry"},
+    "geometry": set(),
+    "speech": set(),
+    "nn": set(),
+    "training": set(),
+    "__init__": {"zeroeggs", "motion"},
+}
+
+TOUCH_DISK = {
+    "cli.py", "speech/wav.py", "motion/bvh.py", "data/corpus.py", "data/prepare.py", "data/windows.py",
+    "training/checkpoint.py", "training/loop.py", "synthetic/corpus.py", "stage/player.py", "stage/figures.py",
+    "zeroeggs/generate.py", "zeroeggs/train.py", "zeroeggs/batch.py", "zeroeggs/examples.py",
+    "zeroeggs/checkpoints.py", "zeroeggs/release_files.py",
+}  # fmt: skip
+DISK_NAMES = {"open", "pathlib", "os", "shutil", "tempfile"}
+
+
+def room(path: Path) -> str:
+    parts = path.relative_to(PACKAGE).parts
+    return parts[0] if len(parts) > 1 else path.stem
+
+
+def imported_rooms(path: Path) -> set[str]:
+    """The rooms of the package that a file imports, by relative or absolute import."""
+    parts = path.relative_to(PACKAGE).parts[:-1]
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        names = []
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = [*parts[: len(parts) - node.level + 1], *(node.module or "").split(".")]
+            names = [[*filter(None, base), alias.name] for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("zeggs_jax"):
+            names = [[*node.module.split(".")[1:], alias.name] for alias in node.names]
+        elif isinstance(node, ast.Import):
+            names = [a.name.split(".")[1:] for a in node.names if a.name.startswith("zeggs_jax.")]
+        found |= {name[0] for name in names if name}
+    return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_run_one_way(path):
+    here = room(path)
+    assert here in ARROWS, f"a new room '{here}': draw its arrows here and in CONTRIBUTING.md"
+    assert imported_rooms(path) - {here} <= ARROWS[here]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_every_file_has_a_caption(path):
+    tree = ast.parse(path.read_text())
+    caption = ast.get_docstring(tree)
+    assert caption
+    assert caption.splitlines()[0].endswith(".")
+    assert tree.body[0].lineno == 1
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_no_function_over_80_lines(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.FunctionDef):
+            assert node.end_lineno - node.lineno < 80, f"{node.name} has {node.end_lineno - node.lineno + 1} lines"
+
+
+def test_only_the_named_files_touch_the_disk():
+    touching = set()
+    for path in FILES:
+        tree = ast.parse(path.read_text())
+        called = {n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
+        modules = {a.name.split(".")[0] for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
+        modules |= {(n.module or "").split(".")[0] for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and not n.level}
+        if (called | modules) & DISK_NAMES:
+            touching.add(str(path.relative_to(PACKAGE)))
+    assert touching <= TOUCH_DISK
+
+
+def test_no_room_is_called_utils():
+    names = {part for path in FILES for part in path.relative_to(PACKAGE).with_suffix("").parts}
+    assert not names & {"utils", "helpers", "common", "misc", "util"}
+
+
+def test_the_planted_fault_is_found(tmp_path, monkeypatch):
+    """An arrow that points up is seen: geometry importing motion."""
+    monkeypatch.setattr("sys.dont_write_bytecode", True)
+    source = "from ..motion import bvh\nimport zeggs_jax.stage.player\n"
+    folder = PACKAGE / "geometry"
+    tree_file = tmp_path / "planted.py"
+    tree_file.write_text(source)
+    fake = folder / "planted.py"
+    monkeypatch.setattr(Path, "read_text", lambda self: source if self == fake else "")
+    assert imported_rooms(fake) == {"motion", "stage"}
