@@ -1,0 +1,71 @@
+"""Self-attention over one clip's frames: sinusoidal positions and the feed-forward transformer block.
+
+ZeroEGGS Fig. 3b's block: attention, then two convolutions, each added to its input and normalised after.
+Frames of padding (mask False) are neither attended to nor seen by a convolution.
+"""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import linen as nn
+from jaxtyping import Array, Bool, Float, Float32
+
+from .layers import Conv, Dense, LayerNorm
+
+
+def positions(frames: int, width: int) -> Float32[np.ndarray, "T E"]:
+    """Sinusoidal table: even columns sin(p w_i), odd columns cos(p w_i), w_i = 10000^(-2i / width).
+
+    Computed in float32 like the release's; against float64 it is off by 3e-5 at 512 frames.
+    """
+    rates = np.exp(np.arange(0, width, 2, dtype=np.float32) * np.float32(-math.log(10000.0) / width))
+    angles = np.arange(frames, dtype=np.float32)[:, None] * rates[None, :]
+    table = np.empty((frames, width), np.float32)
+    table[:, 0::2], table[:, 1::2] = np.sin(angles), np.cos(angles[:, : width // 2])
+    return table
+
+
+def masked(x: Float[Array, "T C"], mask: Bool[Array, " T"]) -> Float[Array, "T C"]:
+    """`x` with zeros in the padding, as beyond the ends of an unpadded clip."""
+    return jnp.where(mask[:, None], x, 0.0)
+
+
+class SelfAttention(nn.Module):
+    """Multi-head self-attention; one projection (3E, E) makes queries, keys and values, in this order."""
+
+    heads: int
+    dropout: float
+
+    @nn.compact
+    def __call__(
+        self, x: Float[Array, "T E"], mask: Bool[Array, " T"], deterministic: bool = True
+    ) -> Float[Array, "T E"]:
+        frames, width = x.shape
+        stacked = Dense(3 * width, gain=1.0, zero_bias=True, name="project_in")(x)
+        query, key, value = (a.reshape(frames, self.heads, -1) for a in jnp.split(stacked, 3, axis=-1))
+        scores = jnp.einsum("qhd,khd->hqk", query / math.sqrt(width // self.heads), key)
+        weights = jax.nn.softmax(jnp.where(mask[None, None, :], scores, -jnp.inf), axis=-1)
+        weights = nn.Dropout(self.dropout)(weights, deterministic=deterministic)
+        mixed = jnp.einsum("hqk,khd->qhd", weights, value).reshape(frames, width)
+        return Dense(width, zero_bias=True, name="project_out")(mixed)
+
+
+class TransformerBlock(nn.Module):
+    """Attention and two convolutions of width 3, each with dropout, residual and layer norm after it."""
+
+    heads: int
+    dropout: float
+
+    @nn.compact
+    def __call__(
+        self, x: Float[Array, "T E"], mask: Bool[Array, " T"], deterministic: bool = True
+    ) -> Float[Array, "T E"]:
+        width = x.shape[-1]
+        drop = nn.Dropout(self.dropout, deterministic=deterministic)
+        attended = SelfAttention(self.heads, self.dropout, name="attention")(x, mask, deterministic)
+        x = LayerNorm(name="attention_norm")(drop(attended) + x)
+        inner = jax.nn.relu(Conv(width, 3, gain=math.sqrt(2.0), name="conv0")(masked(x, mask)))
+        inner = Conv(width, 3, gain=1.0, name="conv1")(masked(inner, mask))
+        return LayerNorm(name="conv_norm")(drop(inner) + x)

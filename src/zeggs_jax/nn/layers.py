@@ -1,0 +1,121 @@
+"""The layers of both papers in PyTorch's parameters: dense, convolution over frames, GRU cell, layer norm.
+
+Weights keep PyTorch's layouts, (out, in) and (out, in, kernel), its two GRU biases and its initialisers, so that
+converting a release's weights is pure renaming and training starts from the same distribution. Everything is
+written for one clip: an array is a vector [C] or a sequence [T, C]; batches come from `jax.vmap`.
+"""
+
+import math
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+from flax.linen.initializers import Initializer
+from jaxtyping import Array, Float
+
+
+def uniform(bound: float) -> Initializer:
+    """U(-bound, bound)."""
+
+    def draw(key: Array, shape: tuple[int, ...], dtype=jnp.float32) -> Array:
+        return jax.random.uniform(key, shape, dtype, -bound, bound)
+
+    return draw
+
+
+def torch_bound(fan_in: int) -> float:
+    """Bound of PyTorch's default draw of a layer's weight and bias: 1 / sqrt(fan_in)."""
+    return 1.0 / math.sqrt(fan_in)
+
+
+def xavier_bound(gain: float, fan_in: int, fan_out: int) -> float:
+    """Bound of PyTorch's xavier_uniform_: gain * sqrt(6 / (fan_in + fan_out)); fans include the kernel."""
+    return gain * math.sqrt(6.0 / (fan_in + fan_out))
+
+
+class Dense(nn.Module):
+    """y = W x + b, weight (features, in); `gain` draws W by Xavier, else by PyTorch's default.
+
+    A vector is multiplied as `W @ x`: inside a scan, `x @ W.T` makes XLA copy every weight at every frame.
+    """
+
+    features: int
+    gain: float | None = None
+    zero_bias: bool = False
+
+    @nn.compact
+    def __call__(self, x: Float[Array, "*T in"]) -> Float[Array, "*T out"]:
+        fan_in = x.shape[-1]
+        bound = torch_bound(fan_in)
+        weight_bound = bound if self.gain is None else xavier_bound(self.gain, fan_in, self.features)
+        weight = self.param("weight", uniform(weight_bound), (self.features, fan_in))
+        bias = self.param("bias", uniform(0.0 if self.zero_bias else bound), (self.features,))
+        if x.ndim == 1:
+            return weight @ x + bias
+        product = jnp.tensordot(x, weight, axes=((-1,), (1,)))
+        return product + jnp.broadcast_to(bias, product.shape)
+
+
+class Conv(nn.Module):
+    """Convolution over frames that keeps their number; weight (features, in, kernel), kernel odd.
+
+    `padding` says what stands beyond both ends: zeros, or the first and last frame repeated.
+    """
+
+    features: int
+    kernel: int
+    padding: Literal["zero", "edge"] = "zero"
+    gain: float | None = None
+
+    @nn.compact
+    def __call__(self, x: Float[Array, "T in"]) -> Float[Array, "T out"]:
+        fan_in = x.shape[-1] * self.kernel
+        bound = torch_bound(fan_in)
+        fan_out = self.features * self.kernel
+        weight_bound = bound if self.gain is None else xavier_bound(self.gain, fan_in, fan_out)
+        weight = self.param("weight", uniform(weight_bound), (self.features, x.shape[-1], self.kernel))
+        bias = self.param("bias", uniform(bound), (self.features,))
+        half = self.kernel // 2
+        padded = jnp.pad(x, ((half, half), (0, 0)), mode="edge" if self.padding == "edge" else "constant")
+        product = jax.lax.conv_general_dilated(
+            padded[None], weight, window_strides=(1,), padding="VALID", dimension_numbers=("NWC", "OIW", "NWC")
+        )[0]
+        return product + jnp.broadcast_to(bias, product.shape)
+
+
+class GRUCell(nn.Module):
+    """One step of PyTorch's GRU: gates stacked reset, update, new; the hidden bias of `new` inside the reset.
+
+    r = sigmoid(W_ir x + b_ir + W_hr h + b_hr), z likewise, n = tanh(W_in x + b_in + r * (W_hn h + b_hn)),
+    h' = (1 - z) n + z h. Both biases are kept: merged, they would train at half the step of PyTorch's.
+    """
+
+    features: int
+
+    @nn.compact
+    def __call__(self, x: Float[Array, " in"], hidden: Float[Array, " H"]) -> Float[Array, " H"]:
+        draw = uniform(torch_bound(self.features))
+        weight_ih = self.param("weight_ih", draw, (3 * self.features, x.shape[-1]))
+        weight_hh = self.param("weight_hh", draw, (3 * self.features, self.features))
+        bias_ih = self.param("bias_ih", draw, (3 * self.features,))
+        bias_hh = self.param("bias_hh", draw, (3 * self.features,))
+        reset_x, update_x, new_x = jnp.split(weight_ih @ x + bias_ih, 3)
+        reset_h, update_h, new_h = jnp.split(weight_hh @ hidden + bias_hh, 3)
+        reset = jax.nn.sigmoid(reset_x + reset_h)
+        update = jax.nn.sigmoid(update_x + update_h)
+        new = jnp.tanh(new_x + reset * new_h)
+        return (1.0 - update) * new + update * hidden
+
+
+class LayerNorm(nn.Module):
+    """PyTorch's layer norm over channels: eps 1e-5, two-pass variance."""
+
+    @nn.compact
+    def __call__(self, x: Float[Array, "T C"]) -> Float[Array, "T C"]:
+        weight = self.param("weight", nn.initializers.ones, x.shape[-1:])
+        bias = self.param("bias", nn.initializers.zeros, x.shape[-1:])
+        centred = x - x.mean(-1, keepdims=True)
+        variance = jnp.square(centred).mean(-1, keepdims=True)
+        normal = centred * jax.lax.rsqrt(variance + 1e-5)
+        return normal * jnp.broadcast_to(weight, x.shape) + jnp.broadcast_to(bias, x.shape)

@@ -1,0 +1,88 @@
+"""The networks' configuration: typed, frozen and complete, written as a dict and read back strictly."""
+
+import dataclasses
+import difflib
+import typing
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from .decoder import DecoderConfig
+from .speech_encoder import SpeechEncoderConfig
+from .style_encoder import StyleEncoderConfig
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class ZeroEggsConfig:
+    """Sizes of the whole of Fig. 2; the defaults are the paper's, as released (v1).
+
+    `labels` names the styles of a model that is steered by labels (style kind 'label', the release's v2: an
+    embedding is one-hot); it is empty when styles come from examples.
+    """
+
+    joints: int = 75
+    frame_time: float = 0.016667  # s; the release reads it from BVH text, so it is not 1/60
+    labels: tuple[str, ...] = ()
+    speech: SpeechEncoderConfig = field(default_factory=SpeechEncoderConfig)
+    style: StyleEncoderConfig = field(default_factory=StyleEncoderConfig)
+    decoder: DecoderConfig = field(default_factory=DecoderConfig)
+
+    def __post_init__(self) -> None:
+        if bool(self.labels) != (self.style.kind == "label"):
+            raise ValueError(
+                f"the style kind is '{self.style.kind}' and there are {len(self.labels)} labels; "
+                "give labels with kind 'label', and only with it."
+            )
+
+    @property
+    def vector_size(self) -> int:
+        """Numbers in a pose vector: 6 of the root, 15 of every joint."""
+        return 6 + 15 * self.joints
+
+    @property
+    def style_size(self) -> int:
+        """Numbers in a style embedding."""
+        return len(self.labels) or self.style.size
+
+
+def to_dict(config: Any) -> dict[str, Any]:
+    """A config as plain dicts, lists, numbers and strings, ready for JSON."""
+    return {
+        f.name: to_dict(value) if dataclasses.is_dataclass(value) else list(value) if isinstance(value, tuple) else value
+        for f in dataclasses.fields(config)
+        for value in [getattr(config, f.name)]
+    }
+
+
+def from_dict(kind: type[T], data: Any, where: str = "config") -> T:
+    """Builds the frozen dataclass `kind` from what `to_dict` wrote; keys left out keep their defaults.
+
+    Raises:
+        ValueError: an unknown key (the nearest one is named) or a value of another type.
+    """
+    if not isinstance(data, dict):
+        raise ValueError(f"{where} is {data!r}; expected a table with the fields of {kind.__name__}.")
+    hints = typing.get_type_hints(kind)
+    for key in data:
+        if key not in hints:
+            near = difflib.get_close_matches(str(key), list(hints), n=1, cutoff=0.0)[0]
+            raise ValueError(f"{where} has an unknown key '{key}'; the nearest known one is '{near}'.")
+    return kind(**{key: _read(hints[key], value, f"{where}.{key}") for key, value in data.items()})
+
+
+def _read(hint: Any, value: Any, where: str) -> Any:
+    if dataclasses.is_dataclass(hint):
+        return from_dict(typing.cast(type, hint), value, where)
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin is typing.Literal:
+        if value in arguments:
+            return value
+        raise ValueError(f"{where} is {value!r}; expected one of {', '.join(map(repr, arguments))}.")
+    if origin is tuple and isinstance(value, list | tuple):
+        return tuple(_read(arguments[0], item, f"{where}[{i}]") for i, item in enumerate(value))
+    if hint is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if origin is None and isinstance(value, hint) and not (isinstance(value, bool) and hint is not bool):
+        return value
+    raise ValueError(f"{where} is {value!r}; expected {getattr(hint, '__name__', hint)}.")

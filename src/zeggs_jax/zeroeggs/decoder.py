@@ -1,0 +1,175 @@
+"""ZeroEGGS Fig. 4, the decoder: one `lax.scan` over frames whose carry holds the pose, its root and the GRU state.
+
+The body has three verbs: **observe** (last pose and the direction of this frame's target -> scaled vector),
+**predict** (GRU, conditioned on this frame's speech and style), **integrate** (unscale, unpack, move the root).
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from ..data import scale
+from ..data.scale import Scale, Scales
+from ..motion import pose as poses
+from ..motion.pose import Pose
+from ..nn.layers import Dense, GRUCell
+
+GAZE = 3  # columns of an observation that are not in a prediction: the direction of the target
+
+
+@dataclass(frozen=True)
+class DecoderConfig:
+    """Sizes of the decoder; with 'film' the style scales and shifts the layers instead of being an input."""
+
+    hidden: int = 1024
+    layers: int = 2
+    conditioning: Literal["normal", "film"] = "normal"
+
+
+class Frame(NamedTuple):
+    """What is given for one frame, or with a leading axis for all of them."""
+
+    speech: Float[Array, "*T S"]  # speech embedding
+    style: Float[Array, "*T Z"]  # style embedding
+    target: Float[Array, "*T 3"]  # world position that the body faces, cm
+
+
+class DecoderState(NamedTuple):
+    """What a frame hands on to the next: the pose with its root in world, one hidden row per GRU layer."""
+
+    pose: Pose
+    hidden: Float[Array, "L H"]
+
+
+class Decoder(nn.Module):
+    """The two networks of Fig. 4: the hidden-state initialiser and one step of the recurrence."""
+
+    config: DecoderConfig
+
+    def setup(self) -> None:
+        kind = {"normal": Recurrent, "film": FilmRecurrent}[self.config.conditioning]
+        self.initialiser, self.recurrent = HiddenInitialiser(self.config), kind(self.config)
+
+    def __call__(self, seen: Float[Array, " O"], given: Frame) -> tuple[Array, Array]:
+        """Both in a row; what `init` runs."""
+        return self.recurrent(seen, given, self.initialiser(seen, given.style))
+
+    def begin(self, seen: Float[Array, " O"], style: Float[Array, " Z"]) -> Float[Array, "L H"]:
+        """First observation and style -> first hidden state."""
+        return self.initialiser(seen, style)
+
+    def predict(
+        self, seen: Float[Array, " O"], given: Frame, hidden: Float[Array, "L H"]
+    ) -> tuple[Float[Array, " P"], Float[Array, "L H"]]:
+        """Observation, this frame's speech and style, hidden state -> scaled pose vector, hidden state."""
+        return self.recurrent(seen, given, hidden)
+
+
+class HiddenInitialiser(nn.Module):
+    """Three dense layers, ELU after the first two (the paper has it after the third as well)."""
+
+    config: DecoderConfig
+
+    @nn.compact
+    def __call__(self, seen: Float[Array, " O"], style: Float[Array, " Z"]) -> Float[Array, "L H"]:
+        layers, width = self.config.layers, self.config.hidden
+        x = jnp.concatenate([seen, style])
+        for i in range(2):
+            x = jax.nn.elu(Dense(width, name=f"dense{i}")(x))
+        return Dense(layers * width, name="dense2")(x).reshape(layers, width)
+
+
+class StackedGRU(nn.Module):
+    """GRU cells one above the other; returns their new hidden states, the last of which is the output."""
+
+    config: DecoderConfig
+
+    @nn.compact
+    def __call__(self, x: Float[Array, " I"], hidden: Float[Array, "L H"]) -> Float[Array, "L H"]:
+        rows = []
+        for i in range(self.config.layers):
+            x = GRUCell(self.config.hidden, name=f"layer{i}")(x, hidden[i])
+            rows.append(x)
+        return jnp.stack(rows)
+
+
+class Recurrent(nn.Module):
+    """Dense + ELU, GRU, dense; observation, speech and style enter both the first layer and the GRU."""
+
+    config: DecoderConfig
+
+    @nn.compact
+    def __call__(
+        self, seen: Float[Array, " O"], given: Frame, hidden: Float[Array, "L H"]
+    ) -> tuple[Float[Array, " P"], Float[Array, "L H"]]:
+        inputs = jnp.concatenate([seen, given.speech, given.style])
+        x = jax.nn.elu(Dense(self.config.hidden, name="dense_in")(inputs))
+        hidden = StackedGRU(self.config, name="gru")(jnp.concatenate([x, inputs]), hidden)
+        return Dense(seen.shape[-1] - GAZE, name="dense_out")(hidden[-1]), hidden
+
+
+class FilmRecurrent(nn.Module):
+    """The same with FiLM: the style scales and shifts what comes out of the layers before and after the GRU."""
+
+    config: DecoderConfig
+
+    @nn.compact
+    def __call__(
+        self, seen: Float[Array, " O"], given: Frame, hidden: Float[Array, "L H"]
+    ) -> tuple[Float[Array, " P"], Float[Array, "L H"]]:
+        width = self.config.hidden
+        gamma = jnp.split(Dense(2 * width, gain=1.0, name="gamma")(given.style) + 1.0, 2)
+        beta = jnp.split(Dense(2 * width, gain=1.0, name="beta")(given.style), 2)
+        inputs = jnp.concatenate([seen, given.speech])
+        x = jax.nn.elu(Dense(width, name="dense_in")(inputs)) * gamma[0] + beta[0]
+        hidden = StackedGRU(self.config, name="gru")(jnp.concatenate([x, inputs]), hidden)
+        x = jax.nn.elu(Dense(width, name="dense_mid")(hidden[-1])) * gamma[1] + beta[1]
+        return Dense(seen.shape[-1] - GAZE, name="dense_out")(x), hidden
+
+
+def observe(pose: Pose, target: Float[Array, " 3"], pose_in: Scale) -> Float[Array, " O"]:
+    """The scaled pose vector and, from the pose's root, the direction of the target (not normalised, as released)."""
+    return scale.apply(pose_in, jnp.concatenate([poses.to_vector(pose), poses.gaze_direction(pose.root, target)]))
+
+
+def begin(
+    params: Any, config: DecoderConfig, scales: Scales, first: Pose, given: Frame
+) -> DecoderState:
+    """The state before frame 1, from the first pose and frame 0's style and target."""
+    seen = observe(first, given.target, scales.pose_in)
+    hidden = Decoder(config).apply({"params": params}, seen, given.style, method="begin")
+    return DecoderState(first, hidden)
+
+
+def predict(
+    params: Any, config: DecoderConfig, seen: Float[Array, " O"], given: Frame, hidden: Float[Array, "L H"]
+) -> tuple[Float[Array, " P"], Float[Array, "L H"]]:
+    """One step of the recurrence: the scaled vector of the next pose, and the hidden state after it."""
+    return Decoder(config).apply({"params": params}, seen, given, hidden, method="predict")
+
+
+def integrate(last: Pose, predicted: Float[Array, " P"], pose_out: Scale, frame_time: ArrayLike) -> Pose:
+    """Unscales and unpacks the predicted vector and moves the last root by its velocities."""
+    pose = poses.from_vector(scale.invert(pose_out, predicted), last.root)
+    return pose._replace(root=poses.integrate(last.root, pose.root_vel, pose.root_ang, frame_time))
+
+
+def rollout(
+    params: Any, config: DecoderConfig, scales: Scales, first: Pose, given: Frame, frame_time: ArrayLike
+) -> Pose:
+    """`first` verbatim, then one pose per frame of `given` from frame 1 on (frame 0's speech is not used)."""
+
+    def body(state: DecoderState, frame: Frame) -> tuple[DecoderState, Pose]:
+        seen = observe(state.pose, frame.target, scales.pose_in)
+        predicted, hidden = predict(params, config, seen, frame, state.hidden)
+        pose = integrate(state.pose, predicted, scales.pose_out, frame_time)
+        return DecoderState(pose, hidden), pose
+
+    state = begin(params, config, scales, first, jax.tree.map(lambda a: a[0], given))
+    _, rest = jax.lax.scan(body, state, jax.tree.map(lambda a: a[1:], given))
+    return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, rest)

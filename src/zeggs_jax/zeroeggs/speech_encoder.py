@@ -1,0 +1,39 @@
+"""ZeroEGGS Fig. 3a, the speech encoder: speech features to one embedding a frame, seeing half a second around it.
+
+Follows the release where the paper differs: the first convolution has width 1 (paper: 3) and dropout stands after
+the ELU (paper: before it).
+"""
+
+from dataclasses import dataclass
+
+import jax
+from flax import linen as nn
+from jaxtyping import Array, Float
+
+from ..nn.layers import Conv, Dense
+
+
+@dataclass(frozen=True)
+class SpeechEncoderConfig:
+    """Sizes of the speech encoder; `kernel` is odd and counts frames (31 at 60 Hz: 15 frames of look-ahead)."""
+
+    features: int = 81
+    hidden: int = 64
+    size: int = 64
+    kernel: int = 31
+    dropout: float = 0.2
+
+
+class SpeechEncoder(nn.Module):
+    """Two convolutions and a dense layer, ELU after each (the last one too); edges are repeated, not zero."""
+
+    config: SpeechEncoderConfig
+
+    @nn.compact
+    def __call__(self, features: Float[Array, "T F"], deterministic: bool = True) -> Float[Array, "T S"]:
+        """Scaled speech features -> speech embedding."""
+        config = self.config
+        drop = nn.Dropout(config.dropout, deterministic=deterministic)
+        x = drop(jax.nn.elu(Conv(config.hidden, 1, name="conv0")(features)))
+        x = drop(jax.nn.elu(Conv(config.size, config.kernel, padding="edge", name="conv1")(x)))
+        return jax.nn.elu(Dense(config.size, name="dense")(x))
