@@ -1,0 +1,93 @@
+"""The state of the body in one frame: `Pose` with its `Root`, packed and unpacked, moved on and looked from.
+
+Names of the release: root_vel = root_vel, root_ang = root_vrt, joint_pos = lpos, joint_axes = ltxy, joint_vel = lvel,
+joint_ang = lvrt (ZeroEGGS Sec. 3.1). The root is the character on the ground: below the spine, turned with the hips.
+Joint values are relative to the parent joint; those of joint 0 are relative to the root.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+from jax.typing import ArrayLike
+from jaxtyping import Float
+
+from zeggs_jax.geometry import quaternion
+
+
+class Root(NamedTuple):
+    """Where the character stands and faces, in world."""
+
+    pos: Float[Array, "*b 3"]  # cm, y = 0
+    rot: Float[Array, "*b 4"]  # wxyz, a turn about y
+
+
+class Pose(NamedTuple):
+    """One frame of J joints; motions carry a leading frame axis."""
+
+    root: Root
+    root_vel: Float[Array, "*b 3"]  # cm/s, in the frame of the previous root
+    root_ang: Float[Array, "*b 3"]  # rad/s, scaled axis, in the frame of the previous root
+    joint_pos: Float[Array, "*b J 3"]  # cm
+    joint_axes: Float[Array, "*b J 2 3"]  # turned x and y axis
+    joint_vel: Float[Array, "*b J 3"]  # cm/s
+    joint_ang: Float[Array, "*b J 3"]  # rad/s, scaled axis
+
+
+def size(joints: int) -> int:
+    """Length of the vector of a pose: 1131 for 75 joints."""
+    return 6 + 15 * joints
+
+
+def to_vector(pose: Pose) -> Float[Array, "*b D"]:
+    """The network's form [6 + 15 J]: root velocities, then positions, axes, velocities, angular velocities."""
+    lead = pose.root_vel.shape[:-1]
+    parts = [jnp.asarray(part).reshape(*lead, -1) for part in pose[1:]]
+    return jnp.concatenate(parts, axis=-1)
+
+
+def from_vector(vector: Float[ArrayLike, "*b D"], root: Root) -> Pose:
+    """Inverse of `to_vector`; the root is not in the vector and is given."""
+    vector = jnp.asarray(vector)
+    lead, joints = vector.shape[:-1], (vector.shape[-1] - 6) // 15
+    if vector.shape[-1] != size(joints):
+        raise ValueError(f"A pose vector has 6 + 15 J numbers, got {vector.shape[-1]}.")
+    cuts = [3, 6, 6 + 3 * joints, 6 + 9 * joints, 6 + 12 * joints]
+    root_vel, root_ang, pos, axes, vel, ang = jnp.split(vector, cuts, axis=-1)
+    return Pose(
+        root=root,
+        root_vel=root_vel,
+        root_ang=root_ang,
+        joint_pos=pos.reshape(*lead, joints, 3),
+        joint_axes=axes.reshape(*lead, joints, 2, 3),
+        joint_vel=vel.reshape(*lead, joints, 3),
+        joint_ang=ang.reshape(*lead, joints, 3),
+    )
+
+
+def integrate(
+    root: Root, root_vel: Float[ArrayLike, "*b 3"], root_ang: Float[ArrayLike, "*b 3"], frame_time: ArrayLike
+) -> Root:
+    """The root one frame later, moved by velocities (cm/s, rad/s) in its own frame (ZeroEGGS Sec. 3.4).
+
+    The rotation is not renormalised, as released.
+    """
+    pos = root.pos + quaternion.rotate(root.rot, jnp.asarray(root_vel) * frame_time)
+    turn = quaternion.from_scaled_axis(quaternion.rotate(root.rot, jnp.asarray(root_ang) * frame_time))
+    return Root(pos, quaternion.multiply(turn, root.rot))
+
+
+def gaze_direction(root: Root, target: Float[ArrayLike, "*b 3"]) -> Float[Array, "*b 3"]:
+    """From the root to a world point `target` (cm), in the root's frame; not normalised, as released."""
+    return quaternion.rotate(quaternion.inverse(root.rot), jnp.asarray(target) - root.pos)
+
+
+def relative(root: Root, origin: Root) -> Root:
+    """`root` seen from `origin`: where `origin` becomes the world's origin, facing +Z."""
+    back = quaternion.inverse(origin.rot)
+    return Root(quaternion.rotate(back, root.pos - origin.pos), quaternion.multiply(back, root.rot))
+
+
+def rebase(pose: Pose, origin: Root) -> Pose:
+    """The same pose in a world whose origin and +Z are those of `origin`; everything else is root-relative already."""
+    return pose._replace(root=relative(pose.root, origin))

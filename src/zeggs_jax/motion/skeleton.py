@@ -1,0 +1,165 @@
+"""The body's hierarchy as data: joint names, parents, offsets, which joint plays which role, left and right.
+
+No joint is known by number anywhere else: features, mirrors and pictures ask the skeleton for `role("head")`.
+"""
+
+import re
+from dataclasses import dataclass, fields
+
+import numpy as np
+from jaxtyping import Float
+
+_FINGERS = tuple(f"Hand{finger}{n}" for finger in ("Thumb", "Index", "Middle", "Ring", "Pinky") for n in (1, 2, 3, 4))
+_ARM = ("Shoulder", "Arm", "ForeArm", "Hand", *_FINGERS, "ForeArmEnd", "ArmEnd")
+_LEG = ("UpLeg", "Leg", "Foot", "ToeBase", "ToeBaseEnd", "LegEnd", "UpLegEnd")
+
+REFERENCE_NAMES: tuple[str, ...] = (
+    *("Hips", "Spine", "Spine1", "Spine2", "Spine3", "Neck", "Neck1", "Head", "HeadEnd"),
+    *(f"Right{part}" for part in _ARM),
+    *(f"Left{part}" for part in _ARM),
+    *(f"Right{part}" for part in _LEG),
+    *(f"Left{part}" for part in _LEG),
+)
+"""The 75 joints of the ZEGGS skeleton, in order."""
+
+REFERENCE_PARENTS: tuple[int, ...] = (
+    *(-1, 0, 1, 2, 3, 4, 5, 6, 7),
+    *(4, 9, 10, 11, 12, 13, 14, 15, 12, 17, 18, 19, 12, 21, 22, 23, 12, 25, 26, 27, 12, 29, 30, 31, 12, 11),
+    *(4, 35, 36, 37, 38, 39, 40, 41, 38, 43, 44, 45, 38, 47, 48, 49, 38, 51, 52, 53, 38, 55, 56, 57, 38, 37),
+    *(0, 61, 62, 63, 64, 63, 62),
+    *(0, 68, 69, 70, 71, 70, 69),
+)
+"""The parent of each of them, -1 for the hips; parents come before children."""
+
+
+@dataclass(frozen=True)
+class Roles:
+    """Names of the joints that the features need by meaning; None where a skeleton has no such joint."""
+
+    hips: str | None = None
+    spine: str | None = None  # where the root's ground position is taken: the release's Spine2
+    head: str | None = None
+    left_hand: str | None = None
+    right_hand: str | None = None
+    left_foot: str | None = None
+    right_foot: str | None = None
+
+
+# Names to look for, best first, as `_words` writes them.
+_CANDIDATES: dict[str, tuple[str, ...]] = {
+    "hips": ("hips", "hip", "pelvis", "root", "bip pelvis"),
+    "spine": ("spine 2", "chest 2", "upper chest", "chest", "spine 1", "spine", "torso", "abdomen"),
+    "head": ("head", "head 1", "skull"),
+    "hand": ("hand", "wrist", "palm"),
+    "foot": ("foot", "ankle"),
+}
+
+
+def _words(name: str) -> tuple[str, str]:
+    """Side ("left", "right" or "") and the remaining words, lower case: "mixamorig:LeftHand" -> ("left", "hand")."""
+    words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name.rsplit(":", 1)[-1])
+    words = [word.lower() for word in words]
+    if words and (glued := re.fullmatch(r"(left|right|[lr](?=hand$|foot$))(.+)", words[0])):
+        words[:1] = glued.groups()
+    side = ""
+    for spelling, meaning in (("left", "left"), ("right", "right"), ("l", "left"), ("r", "right")):
+        if not side and spelling in words:
+            side = meaning
+            words.remove(spelling)
+    words = [str(int(word)) if word.isdigit() else word for word in words]
+    return side, " ".join(words)
+
+
+def infer_roles(names: tuple[str, ...]) -> Roles:
+    """Roles by the usual names (ZEGGS, CMU, Mixamo, Bandai-Namco, Unreal, GENEA); unknown ones stay None."""
+    known: dict[tuple[str, str], str] = {}
+    for name in names:
+        side, words = _words(name)
+        known.setdefault((side, words.removeprefix("b ").removeprefix("joint ")), name)
+
+    def find(part: str, side: str = "") -> str | None:
+        return next((known[side, words] for words in _CANDIDATES[part] if (side, words) in known), None)
+
+    return Roles(
+        hips=find("hips"),
+        spine=_spine(known) or find("spine"),
+        head=find("head"),
+        left_hand=find("hand", "left"),
+        right_hand=find("hand", "right"),
+        left_foot=find("foot", "left"),
+        right_foot=find("foot", "right"),
+    )
+
+
+def _spine(known: dict[tuple[str, str], str]) -> str | None:
+    """Unreal counts its spine from 1, so its third joint is spine_03; everyone else's is Spine2."""
+    return known.get(("", "spine 3")) if ("", "spine") not in known and ("", "spine 0") not in known else None
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """A hierarchy of J joints: parents come before children, joint 0 is the only root."""
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    offsets: Float[np.ndarray, "J 3"]  # cm, from the parent, in the parent's frame
+    roles: Roles | None = None  # None: inferred from the names
+
+    def __post_init__(self) -> None:
+        if len(self.parents) != len(self.names) or len(self.offsets) != len(self.names):
+            raise ValueError(
+                f"A skeleton needs one parent and one offset per joint, got {len(self.names)} names, "
+                f"{len(self.parents)} parents and {len(self.offsets)} offsets."
+            )
+        for joint, (name, parent) in enumerate(zip(self.names, self.parents, strict=True)):
+            if not (-1 <= parent < joint and (parent >= 0) == (joint > 0)):
+                raise ValueError(f"Joint '{name}' must come after its parent, and only the first joint has none.")
+            if name in self.names[:joint]:
+                raise ValueError(f"Two joints are called '{name}'; give every joint its own name.")
+        if self.roles is None:
+            object.__setattr__(self, "roles", infer_roles(self.names))
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def index(self, name: str) -> int:
+        """Number of the joint called `name`; ValueError where there is none."""
+        if name not in self.names:
+            raise ValueError(f"The skeleton has no joint '{name}'; it has {', '.join(self.names)}.")
+        return self.names.index(name)
+
+    def role(self, role: str) -> int:
+        """Number of the joint that plays a role ("hips", "head", ...); ValueError where nobody does."""
+        if role not in {field.name for field in fields(Roles)}:
+            raise ValueError(f"'{role}' is no role; roles are {', '.join(f.name for f in fields(Roles))}.")
+        name = getattr(self.roles, role)
+        if name is None:
+            raise ValueError(
+                f"No joint of this skeleton looks like the {role.replace('_', ' ')}; "
+                f"name it in Skeleton(roles=Roles({role}=...)): {', '.join(self.names)}."
+            )
+        return self.index(name)
+
+    def levels(self) -> tuple[tuple[int, ...], ...]:
+        """Joint numbers by depth: the root, its children, their children, ..."""
+        return levels(self.parents)
+
+    def mirror_map(self) -> tuple[int, ...]:
+        """For every joint the number of its counterpart on the other side, itself for joints in the middle."""
+        by_words = {_words(name): joint for joint, name in enumerate(self.names)}
+        other = {"left": "right", "right": "left", "": ""}
+        counterparts = []
+        for name in self.names:
+            side, words = _words(name)
+            if (other[side], words) not in by_words:
+                raise ValueError(f"Joint '{name}' has no counterpart on the {other[side]}, so this body has no mirror.")
+            counterparts.append(by_words[other[side], words] if side else self.names.index(name))
+        return tuple(counterparts)
+
+
+def levels(parents: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
+    """Joint numbers grouped by depth below the root."""
+    depth: list[int] = []
+    for parent in parents:
+        depth.append(0 if parent < 0 else depth[parent] + 1)
+    return tuple(tuple(j for j, d in enumerate(depth) if d == level) for level in range(max(depth) + 1))
