@@ -1,8 +1,8 @@
 """Rotations as quaternions (w, x, y, z): product, exponential, Euler angles, interpolation, sign.
 
-Hamilton product, active rotations, radians. Every function takes any number of leading axes `*b`, keeps the
-floating-point precision of its input, and has finite gradients everywhere, at no rotation and at half turns too.
-Thresholds are those of the PyTorch release's network side, so that integrated roots agree with it to rounding.
+Hamilton product, active rotations, radians. Every function takes any number of leading axes `*b`, keeps
+the floating-point precision of its input, and has finite gradients everywhere, also at no rotation and at half
+turns. Thresholds are those of the release's network side, so that integrated roots agree with it to rounding.
 """
 
 import math
@@ -30,7 +30,7 @@ def _split(q: Float[ArrayLike, "*b 4"]) -> tuple[Array, Array]:
 
 
 def normalize(x: Float[ArrayLike, "*b n"], eps: ArrayLike = 0.0) -> Float[Array, "*b n"]:
-    """`x / (|x| + eps)`; with `eps` 0 the zero vector stays zero. The release's quaternion side uses eps 1e-5."""
+    """`x / (|x| + eps)`; with `eps` 0 the zero vector stays zero (the release's quaternions: eps 1e-5)."""
     x = jnp.asarray(x)
     length = _norm(x) + jnp.asarray(eps, x.dtype)
     return x / jnp.where(length > 0, length, 1.0)
@@ -75,8 +75,8 @@ def positive(q: Float[ArrayLike, "*b 4"]) -> Float[Array, "*b 4"]:
 def exp(v: Float[ArrayLike, "*b 3"]) -> Float[Array, "*b 4"]:
     """Quaternion of the half-angle vector `v`: turns about `v` by `2|v|`.
 
-    Below `|v| = 1e-5` it is `(1, v)` divided by its norm plus 1e-5, as released: such a step shortens the quaternion
-    that it multiplies by one part in 1e5.
+    Below `|v| = 1e-5` it is `(1, v)` divided by its norm plus 1e-5, as released: such a step shortens the
+    quaternion that it multiplies by one part in 1e5.
     """
     v = jnp.asarray(v)
     half = _norm(v)
@@ -114,7 +114,7 @@ def between(a: Float[ArrayLike, "*#b 3"], b: Float[ArrayLike, "*#b 3"]) -> Float
 
 
 def unroll(q: Float[ArrayLike, "T *b 4"]) -> Float[Array, "T *b 4"]:
-    """Signs chosen along the first axis so that no quaternion is opposite to the one before; the first one stays."""
+    """Signs chosen along the first axis so that none is opposite to the one before; the first one stays."""
     q = jnp.asarray(q)
     dot = jnp.sum(q[1:] * q[:-1], axis=-1, keepdims=True)
     step = jnp.concatenate([jnp.ones_like(q[:1, ..., :1]), jnp.where(dot < 0, -1.0, 1.0).astype(q.dtype)])
@@ -149,10 +149,10 @@ def from_euler(angles: Float[ArrayLike, "*b 3"], order: str) -> Float[Array, "*b
 
 
 def to_euler(q: Float[ArrayLike, "*b 4"], order: str) -> Float[Array, "*b 3"]:
-    """Euler angles of `q`, one column per letter of `order`; outer two in (-pi, pi], middle one in [-pi/2, pi/2].
+    """Euler angles of `q`, one column per letter of `order`: outer two in [-pi, pi], middle in [-pi/2, pi/2].
 
-    Away from gimbal lock these are the release's formulas (also for quaternions that are not quite unit). Within
-    0.8 degrees of it half-angle sums and differences are used, which stay accurate; gradients are finite there.
+    Away from gimbal lock these are the release's formulas (also for quaternions that are not quite unit).
+    Within 0.8 degrees of it half-angle sums and differences (Bernardes and Viollet 2022) stay accurate.
     """
     i, j, k, sign = _axes(order)
     q = jnp.asarray(q)
@@ -192,7 +192,8 @@ def _atan2(y: Array, x: Array) -> Array:
 
 def _wrap(angle: Array) -> Array:
     """The same angle in [-pi, pi], for angles within a turn of it."""
-    return jnp.where(angle > math.pi, angle - 2 * math.pi, jnp.where(angle < -math.pi, angle + 2 * math.pi, angle))
+    turns = jnp.where(angle > math.pi, 1.0, jnp.where(angle < -math.pi, -1.0, 0.0))
+    return angle - 2.0 * math.pi * turns
 
 
 def to_matrix(q: Float[ArrayLike, "*b 4"]) -> Float[Array, "*b 3 3"]:
@@ -210,7 +211,7 @@ def to_matrix(q: Float[ArrayLike, "*b 4"]) -> Float[Array, "*b 3 3"]:
 def from_matrix(m: Float[ArrayLike, "*b 3 3"]) -> Float[Array, "*b 4"]:
     """Unit quaternion of a rotation matrix, by the largest of four forms (Shepperd 1978).
 
-    With a positive trace w is positive, otherwise the component of the largest diagonal entry, as in the release.
+    With a positive trace w is positive, otherwise the component of the largest diagonal entry, as released.
     """
     m = jnp.asarray(m)
     xx, xy, xz, yx, yy, yz, zx, zy, zz = (m[..., i, j] for i in range(3) for j in range(3))

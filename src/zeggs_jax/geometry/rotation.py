@@ -1,7 +1,7 @@
 """Rotations as two axes, the networks' form: the turned x and y axis, to and from matrices and quaternions.
 
-Axes are stored as rows, `[..., 0, :]` the turned x axis and `[..., 1, :]` the turned y axis (ZeroEGGS Sec. 3.1); they
-are the first two columns of the rotation matrix. Predicted axes need not be orthogonal.
+Axes are stored as rows, `[..., 0, :]` the turned x axis and `[..., 1, :]` the turned y axis (ZeroEGGS Sec. 3.1);
+they are the first two columns of the rotation matrix. Predicted axes need not be orthogonal.
 """
 
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ _EPS = 1e-10
 
 
 def axes_to_matrix(xy: Float[ArrayLike, "*b 2 3"]) -> Float[Array, "*b 3 3"]:
-    """Rotation matrix whose first column keeps the direction of the x axis; the y axis is made orthogonal to it.
+    """Rotation matrix whose first column has the direction of the x axis; y is made orthogonal to it.
 
     Always the last axis is crossed; the release crosses the first axis of length 3, wrong for a batch of 3.
     """

@@ -1,10 +1,11 @@
-"""Joint-local values to world: positions, rotations, velocities, angular velocities, one depth level at a time.
+"""Joint-local values to world: positions, rotations, velocities, angular velocities, level by level.
 
-Written for one frame; `vmap` over frames and clips. Rotations are multiplied entry by entry with the joints on the
-last axis: it compiles fast, runs fast inside the training loss, and needs no 3x3 matrix product or scatter (both
+Written for one frame; `vmap` over frames and clips. Rotations are multiplied entry by entry with the joints on
+the last axis: that runs fast inside the training loss, and needs no 3x3 matrix product or scatter (the two
 together crashed jaxlib 0.10.2's CPU compiler under grad of vmap of vmap).
 """
 
+import itertools
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -19,7 +20,7 @@ from zeggs_jax.motion.skeleton import levels
 
 
 class World(NamedTuple):
-    """Joints of one frame in world (from `place_root`: joint 0 in world, the others relative to their parents)."""
+    """Joints of one frame in world (from `place_root`: joint 0 in world, the rest relative to their parents)."""
 
     pos: Float[Array, "J 3"]  # cm
     mat: Float[Array, "J 3 3"]  # columns are the joint's axes
@@ -30,8 +31,8 @@ class World(NamedTuple):
 def place_root(pose: Pose, vel_frame: Float[ArrayLike, "4"] | None = None) -> World:
     """Joint 0 moved from the root's frame to world, the others as they are (ZeroEGGS Sec. 3.4).
 
-    `vel_frame` is the rotation in whose frame `root_vel` and `root_ang` are given: the previous frame's root rotation
-    (as the features define them). None takes the pose's own, as released for the first frame of a window.
+    `vel_frame` is the rotation in whose frame `root_vel` and `root_ang` are given: the previous frame's root
+    rotation, as the features define them. None takes the pose's own, as released for a window's first frame.
     """
     turn = pose.root.rot
     frame = turn if vel_frame is None else jnp.asarray(vel_frame)
@@ -60,7 +61,7 @@ def chain(local: World, parents: tuple[int, ...]) -> World:
     depth_levels = levels(parents)
     first = np.asarray(depth_levels[0])
     done = [(pos[:, first], mat[..., first], vel[:, first], ang[:, first])]
-    for above, level in zip(depth_levels, depth_levels[1:], strict=False):
+    for above, level in itertools.pairwise(depth_levels):
         joints = np.asarray(level)
         parent = np.asarray([above.index(parents[joint]) for joint in level])
         p_pos, p_mat, p_vel, p_ang = (x[..., parent] for x in done[-1])
@@ -79,7 +80,7 @@ def chain(local: World, parents: tuple[int, ...]) -> World:
 
 
 def forward(pose: Pose, parents: tuple[int, ...], vel_frame: Float[ArrayLike, "4"] | None = None) -> World:
-    """World positions, rotations and velocities of all joints of one pose; see `place_root` for `vel_frame`."""
+    """World positions, rotations and velocities of one pose's joints; see `place_root` for `vel_frame`."""
     return chain(place_root(pose, vel_frame), parents)
 
 

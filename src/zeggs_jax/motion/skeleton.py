@@ -9,7 +9,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from jaxtyping import Float
 
-_FINGERS = tuple(f"Hand{finger}{n}" for finger in ("Thumb", "Index", "Middle", "Ring", "Pinky") for n in (1, 2, 3, 4))
+_DIGITS = ("Thumb", "Index", "Middle", "Ring", "Pinky")
+_FINGERS = tuple(f"Hand{digit}{n}" for digit in _DIGITS for n in (1, 2, 3, 4))
 _ARM = ("Shoulder", "Arm", "ForeArm", "Hand", *_FINGERS, "ForeArmEnd", "ArmEnd")
 _LEG = ("UpLeg", "Leg", "Foot", "ToeBase", "ToeBaseEnd", "LegEnd", "UpLegEnd")
 
@@ -56,7 +57,7 @@ _CANDIDATES: dict[str, tuple[str, ...]] = {
 
 
 def _words(name: str) -> tuple[str, str]:
-    """Side ("left", "right" or "") and the remaining words, lower case: "mixamorig:LeftHand" -> ("left", "hand")."""
+    """Side ("left", "right", "") and the other words, lower case: "mixamorig:LeftHand" -> ("left", "hand")."""
     words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name.rsplit(":", 1)[-1])
     words = [word.lower() for word in words]
     if words and (glued := re.fullmatch(r"(left|right|[lr](?=hand$|foot$))(.+)", words[0])):
@@ -113,7 +114,7 @@ class Skeleton:
             )
         for joint, (name, parent) in enumerate(zip(self.names, self.parents, strict=True)):
             if not (-1 <= parent < joint and (parent >= 0) == (joint > 0)):
-                raise ValueError(f"Joint '{name}' must come after its parent, and only the first joint has none.")
+                raise ValueError(f"Joint '{name}' must come after its parent; only the first joint has none.")
             if name in self.names[:joint]:
                 raise ValueError(f"Two joints are called '{name}'; give every joint its own name.")
         if self.roles is None:
@@ -145,14 +146,16 @@ class Skeleton:
         return levels(self.parents)
 
     def mirror_map(self) -> tuple[int, ...]:
-        """For every joint the number of its counterpart on the other side, itself for joints in the middle."""
+        """For every joint the number of its counterpart on the other side; itself for joints in the middle."""
         by_words = {_words(name): joint for joint, name in enumerate(self.names)}
         other = {"left": "right", "right": "left", "": ""}
         counterparts = []
         for name in self.names:
             side, words = _words(name)
             if (other[side], words) not in by_words:
-                raise ValueError(f"Joint '{name}' has no counterpart on the {other[side]}, so this body has no mirror.")
+                raise ValueError(
+                    f"Joint '{name}' has no {other[side]} counterpart, so this body has no mirror."
+                )
             counterparts.append(by_words[other[side], words] if side else self.names.index(name))
         return tuple(counterparts)
 
