@@ -6,6 +6,7 @@ import typing
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from ..motion import pose
 from .decoder import DecoderConfig
 from .speech_encoder import SpeechEncoderConfig
 from .style_encoder import StyleEncoderConfig
@@ -38,7 +39,7 @@ class ZeroEggsConfig:
     @property
     def vector_size(self) -> int:
         """Numbers in a pose vector: 6 of the root, 15 of every joint."""
-        return 6 + 15 * self.joints
+        return pose.size(self.joints)
 
     @property
     def style_size(self) -> int:
