@@ -1,8 +1,8 @@
 """Rotations as quaternions (w, x, y, z): product, exponential, Euler angles, interpolation, sign.
 
 Hamilton product, active rotations, radians. Every function takes any number of leading axes `*b`, keeps
-the floating-point precision of its input, and has finite gradients everywhere, also at no rotation and at half
-turns. Thresholds are those of the release's network side, so that integrated roots agree with it to rounding.
+the floating-point precision of its input, and has finite gradients everywhere, also at no rotation and at
+half turns. Thresholds are those of the release's network side: integrated roots agree to rounding.
 """
 
 import math

@@ -1,7 +1,7 @@
 """Rotations as two axes, the networks' form: the turned x and y axis, to and from matrices and quaternions.
 
-Axes are stored as rows, `[..., 0, :]` the turned x axis and `[..., 1, :]` the turned y axis (ZeroEGGS Sec. 3.1);
-they are the first two columns of the rotation matrix. Predicted axes need not be orthogonal.
+Axes are stored as rows, `[..., 0, :]` the turned x axis and `[..., 1, :]` the turned y axis (ZeroEGGS Sec.
+3.1); they are the first two columns of the rotation matrix. Predicted axes need not be orthogonal.
 """
 
 import jax.numpy as jnp

@@ -1,8 +1,8 @@
 """Joint-local values to world: positions, rotations, velocities, angular velocities, level by level.
 
-Written for one frame; `vmap` over frames and clips. Rotations are multiplied entry by entry with the joints on
-the last axis: that runs fast inside the training loss, and needs no 3x3 matrix product or scatter (the two
-together crashed jaxlib 0.10.2's CPU compiler under grad of vmap of vmap).
+Written for one frame; `vmap` over frames and clips. Rotations are multiplied entry by entry with the joints
+on the last axis: that runs fast inside the training loss, and needs no 3x3 matrix product or scatter (the
+two together crashed jaxlib 0.10.2's CPU compiler under grad of vmap of vmap).
 """
 
 import itertools
@@ -20,7 +20,7 @@ from zeggs_jax.motion.skeleton import levels
 
 
 class World(NamedTuple):
-    """Joints of one frame in world (from `place_root`: joint 0 in world, the rest relative to their parents)."""
+    """Joints of one frame in world (`place_root`: joint 0 in world, the rest relative to their parents)."""
 
     pos: Float[Array, "J 3"]  # cm
     mat: Float[Array, "J 3 3"]  # columns are the joint's axes

@@ -1,8 +1,8 @@
 """The state of the body in one frame: `Pose` with its `Root`, packed and unpacked, moved on and looked from.
 
 Names of the release: root_vel = root_vel, root_ang = root_vrt, joint_pos = lpos, joint_axes = ltxy,
-joint_vel = lvel, joint_ang = lvrt (ZeroEGGS Sec. 3.1). The root is the character on the ground: below the spine,
-turned with the hips. Joint values are relative to the parent joint; those of joint 0 are relative to the root.
+joint_vel = lvel, joint_ang = lvrt (ZeroEGGS Sec. 3.1). The root is the character on the ground: below the
+spine, turned with the hips. Joint values are relative to the parent joint; those of joint 0 to the root.
 """
 
 from typing import NamedTuple
@@ -40,7 +40,7 @@ def size(joints: int) -> int:
 
 
 def to_vector(pose: Pose) -> Float[Array, "*b D"]:
-    """The network's form [6 + 15 J]: root velocities, joint positions, axes, velocities, angular velocities."""
+    """The network's form [6 + 15 J]: root velocities, joint positions, axes, velocities, angular ones."""
     lead = pose.root_vel.shape[:-1]
     parts = [jnp.asarray(part).reshape(*lead, -1) for part in pose[1:]]
     return jnp.concatenate(parts, axis=-1)

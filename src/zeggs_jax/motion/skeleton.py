@@ -57,7 +57,7 @@ _CANDIDATES: dict[str, tuple[str, ...]] = {
 
 
 def _words(name: str) -> tuple[str, str]:
-    """Side ("left", "right", "") and the other words, lower case: "mixamorig:LeftHand" -> ("left", "hand")."""
+    """Side ("left", "right", "") and the other words: "mixamorig:LeftHand" -> ("left", "hand")."""
     words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name.rsplit(":", 1)[-1])
     words = [word.lower() for word in words]
     if words and (glued := re.fullmatch(r"(left|right|[lr](?=hand$|foot$))(.+)", words[0])):
@@ -146,7 +146,7 @@ class Skeleton:
         return levels(self.parents)
 
     def mirror_map(self) -> tuple[int, ...]:
-        """For every joint the number of its counterpart on the other side; itself for joints in the middle."""
+        """For every joint the number of its counterpart across; itself for joints in the middle."""
         by_words = {_words(name): joint for joint, name in enumerate(self.names)}
         other = {"left": "right", "right": "left", "": ""}
         counterparts = []
