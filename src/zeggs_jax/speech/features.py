@@ -1,4 +1,4 @@
-"""Speech features (ZeroEGGS Sec. 3.1): 80 log-mel amplitudes and an energy, at the frame rate of the motion."""
+"""Speech features (ZeroEGGS Sec. 3.1): 80 log-mel amplitudes and an energy, at the motion's frame rate."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,7 +14,8 @@ from zeggs_jax.speech import wav
 class SpeechFeatureConfig:
     """The release's audio settings; the energy column comes on top of the mels.
 
-    The floor of the amplitude is `min_clipping / window`; its level is 0 and full scale is 1 on the feature's dB scale.
+    The floor of the amplitude is `min_clipping / window`; its level is 0 and full scale is 1 on the feature's
+    dB scale.
     """
 
     rate_hz: int = 16000
@@ -42,15 +43,17 @@ def extract(
     config: SpeechFeatureConfig = RELEASED,
     as_released: bool = False,
 ) -> Float32[np.ndarray, "T D"]:
-    """Waveform at config.rate_hz -> `frames` rows of (mels, energy); by default round(rate_hz * duration) rows.
+    """Waveform at config.rate_hz -> `frames` rows of (mels, energy); by default round(rate_hz * duration).
 
-    Row t is the spectrogram at time t / rate_hz, linearly interpolated. Times behind the last spectrogram frame take
-    that frame; `as_released` gives the release's NaN mels and extrapolated energy there instead. Digital silence and
-    clips shorter than the window give finite rows.
+    Row t is the spectrogram at time t / rate_hz, linearly interpolated. Times behind the last spectrogram
+    frame take that frame; `as_released` gives the release's NaN mels and extrapolated energy there instead.
+    Digital silence and clips shorter than the window give finite rows.
     """
     wave = np.asarray(wave, np.float32)
     if wave.size == 0:
-        raise ValueError("The waveform holds no samples, speech was expected; give a recording that is not empty.")
+        raise ValueError(
+            "The waveform holds no samples, speech was expected; give a recording that is not empty."
+        )
     if frames is None:
         frames = frame_count(wave.size, rate_hz, config)
     if config.normalize_loudness:
@@ -74,19 +77,21 @@ def frame_count(samples: int, rate_hz: float | int = 60.0, config: SpeechFeature
 def log_mel(wave: Float[ArrayLike, " n"], config: SpeechFeatureConfig = RELEASED) -> Float[np.ndarray, "F M"]:
     """The release's "log amplitude" of each mel band, float64, at rate_hz / hop frames a second.
 
-    The paper says log mel amplitude; the release takes the dB already mapped to [0, 1] for dB and so scales it by
-    ln(10) / 20 (range [0, 0.115]). We follow the release.
+    The paper says log mel amplitude; the release takes the dB already mapped to [0, 1] for dB and so scales
+    it by ln(10) / 20 (range [0, 0.115]). We follow the release.
     """
     return np.log(10.0) / 20.0 * decibels(amplitude(wave, config) @ mel_basis(config).T, config)
 
 
 def energy(log_mels: Float[np.ndarray, "F M"]) -> Float[np.ndarray, " F"]:
-    """The release's energy: the norm of exp(log mel) over the bands (silence is sqrt(80), not 0; see `frame_energy`)."""
+    """The release's energy: norm of exp(log mel) over the bands. Silence is sqrt(80); see `frame_energy`."""
     return np.linalg.norm(np.exp(log_mels), axis=1)
 
 
-def amplitude(wave: Float[ArrayLike, " n"], config: SpeechFeatureConfig = RELEASED) -> Float[np.ndarray, "F K"]:
-    """Magnitude spectrogram |rfft| / window under a symmetric Hann window, centred frames with reflected edges, float64."""
+def amplitude(
+    wave: Float[ArrayLike, " n"], config: SpeechFeatureConfig = RELEASED
+) -> Float[np.ndarray, "F K"]:
+    """Spectrogram |rfft| / window, symmetric Hann window, centred frames, reflected edges; float64."""
     wave = np.asarray(wave, np.float64)
     wave = np.pad(wave, (0, max(0, config.window - wave.size)))
     count = -(-wave.size // config.hop)
@@ -117,7 +122,9 @@ def mel_basis(config: SpeechFeatureConfig = RELEASED) -> Float[np.ndarray, "M K"
     )
 
 
-def decibels(mel: Float[np.ndarray, "F M"], config: SpeechFeatureConfig = RELEASED) -> Float[np.ndarray, "F M"]:
+def decibels(
+    mel: Float[np.ndarray, "F M"], config: SpeechFeatureConfig = RELEASED
+) -> Float[np.ndarray, "F M"]:
     """Amplitude -> level, 0 at the floor of the amplitude and 1 at amplitude 1."""
     floor = config.min_clipping / config.window
     span = -20.0 * np.log10(floor)
@@ -131,7 +138,7 @@ def frame_energy(
     window_s: float | int = 0.05,
     wave_rate_hz: int = wav.RATE_HZ,
 ) -> Float32[np.ndarray, " T"]:
-    """True loudness envelope: root mean square of the samples in `window_s` around each motion frame (ours, not released).
+    """True loudness envelope (ours): root mean square of the samples in `window_s` around each motion frame.
 
     Windows are cut at the ends of the recording; frames that lie wholly behind it are 0.
     """
@@ -147,7 +154,9 @@ def frame_energy(
     return np.sqrt(np.maximum(mean, 0.0)).astype(np.float32)
 
 
-def _interpolate(rows: Float[np.ndarray, "F D"], positions: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T D"]:
+def _interpolate(
+    rows: Float[np.ndarray, "F D"], positions: Float[np.ndarray, " T"]
+) -> Float[np.ndarray, "T D"]:
     """Rows at fractional positions, linear between neighbours, extrapolated behind the last."""
     if len(rows) == 1:
         return np.repeat(rows, len(positions), axis=0)

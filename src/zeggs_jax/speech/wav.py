@@ -1,4 +1,4 @@
-"""Speech as a waveform: any audio file in as 16 kHz mono, its loudness levelled, its pauses silenced, and out again."""
+"""Speech as a waveform: any audio file in as 16 kHz mono, its loudness levelled, written out again."""
 
 import os
 import warnings
@@ -22,20 +22,21 @@ Seconds = float | int
 def read(path: str | Path, rate_hz: int = RATE_HZ) -> Wave:
     """Any file that soundfile reads (WAV, FLAC, OGG...) -> mono at `rate_hz`, nominally within [-1, 1].
 
-    Channels are averaged, then resampled by soxr at quality HQ, which is the release's `sox rate -h` to 80 dB. Unlike the
-    release, 8-bit silence is exactly 0 and 16 kHz stereo is mixed down. Raises FileNotFoundError, or ValueError when the
-    path is a folder, not audio, without samples, or holds values that are not finite.
+    Channels are averaged, then resampled by soxr at quality HQ, which is the release's `sox rate -h` to 80
+    dB. Unlike the release, 8-bit silence is exactly 0 and 16 kHz stereo is mixed down. Raises
+    FileNotFoundError, or ValueError when the path is a folder, not audio, without samples, or holds values
+    that are not finite.
     """
     path = Path(path)
     if path.is_dir():
-        raise ValueError(f"'{path}' is a folder, a speech file (WAV, FLAC or OGG) was expected; give a file inside it.")
+        raise ValueError(f"'{path}' is a folder, a speech file was expected; give a WAV, FLAC or OGG file.")
     if not path.exists():
         raise FileNotFoundError(f"Speech file '{path}' does not exist; check the path.")
     try:
         samples, file_rate = soundfile.read(path, dtype="float32", always_2d=True)
-    except (soundfile.LibsndfileError, TypeError) as error:  # TypeError: headerless formats, known by name only
+    except (soundfile.LibsndfileError, TypeError) as error:  # TypeError: formats without a header
         raise ValueError(
-            f"'{path}' is not an audio file that can be read ({_reason(error)}); give a WAV, FLAC or OGG file."
+            f"'{path}' is not an audio file that can be read ({_reason(error)}); give a WAV, FLAC or OGG."
         ) from error
     if not np.isfinite(samples).all():
         raise ValueError(f"'{path}' holds samples that are NaN or infinite; export the recording again.")
@@ -43,7 +44,7 @@ def read(path: str | Path, rate_hz: int = RATE_HZ) -> Wave:
     if wave.size and file_rate != rate_hz:
         wave = soxr.resample(wave, file_rate, rate_hz, quality="HQ")
     if wave.size == 0:
-        raise ValueError(f"'{path}' holds no samples, speech was expected; give a recording that is not empty.")
+        raise ValueError(f"'{path}' holds no samples; give a recording that is not empty.")
     return wave
 
 
@@ -51,18 +52,21 @@ def write(path: str | Path, wave: Float[ArrayLike, " n"], rate_hz: int = RATE_HZ
     """Write mono 16-bit samples; values outside [-1, 1) are clipped (the release lets them wrap around)."""
     path = Path(path)
     scaled = np.trunc(np.asarray(wave, np.float64) * 32768.0)  # towards zero, as the release
+    samples = np.clip(scaled, -32768, 32767).astype(np.int16)
     temporary = path.with_name(f"{path.name}.tmp{os.getpid()}")
     try:
-        soundfile.write(temporary, np.clip(scaled, -32768, 32767).astype(np.int16), rate_hz, format="WAV", subtype="PCM_16")
+        soundfile.write(temporary, samples, rate_hz, format="WAV", subtype="PCM_16")
         os.replace(temporary, path)
     except soundfile.LibsndfileError as error:
-        raise OSError(f"Cannot write '{path}' ({_reason(error)}); choose a folder that exists and is writable.") from error
+        raise OSError(
+            f"Cannot write '{path}' ({_reason(error)}); choose a folder that is writable."
+        ) from error
     finally:
         temporary.unlink(missing_ok=True)
 
 
 def loudness(wave: Float[ArrayLike, " n"], rate_hz: int = RATE_HZ) -> float:
-    """Integrated loudness in LUFS (ITU-R BS.1770-4); -inf when no block is above the absolute gate of -70 LUFS.
+    """Integrated loudness in LUFS (ITU-R BS.1770-4); -inf when no block is above the gate of -70 LUFS.
 
     A wave shorter than one block of 0.4 s is repeated to fill that block.
     """
@@ -102,7 +106,7 @@ def silence(
 
 
 def retime(wave: Float[ArrayLike, " n"], factor: float | int) -> Float[np.ndarray, " m"]:
-    """int(factor * n) samples of the same speech by a cubic spline: 0.9 is faster and higher (the release's pace copies)."""
+    """int(factor * n) samples of the same speech by a cubic spline, as released: 0.9 is faster and higher."""
     from scipy.interpolate import make_interp_spline
 
     wave = np.asarray(wave, np.float64)
