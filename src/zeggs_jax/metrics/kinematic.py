@@ -1,5 +1,7 @@
 """Kinematic measures of a clip: hand speed, jerk, root drift, and the statistics that tell styles apart."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -11,7 +13,10 @@ Positions = Float[np.ndarray, "T J 3"]
 
 def world_positions(clip: Clip) -> Positions:
     """World positions of all joints, cm, for every frame."""
-    return np.asarray(features.world_positions(clip), np.float64)
+    with jax.enable_x64(True):
+        turns = features.local_quaternions(clip)
+        chain = jax.vmap(lambda p, q: kinematics.forward_positions(p, q, clip.skeleton.parents))
+        return np.asarray(chain(jnp.asarray(clip.positions, jnp.float64), turns))
 
 
 def speeds(positions: Positions, rate_hz: float) -> Float[np.ndarray, "T J"]:
@@ -22,10 +27,9 @@ def speeds(positions: Positions, rate_hz: float) -> Float[np.ndarray, "T J"]:
 
 def hand_speed(clip: Clip) -> Float[np.ndarray, " T"]:
     """Mean speed of both hands relative to the hips, cm/s."""
-    skeleton, roles = clip.skeleton, clip.skeleton.roles
-    positions = world_positions(clip)
-    hands = [skeleton.index(roles.left_hand), skeleton.index(roles.right_hand)]
-    relative = positions[:, hands] - positions[:, [skeleton.index(roles.hips)]]
+    skeleton, positions = clip.skeleton, world_positions(clip)
+    hands = [skeleton.role("left_hand"), skeleton.role("right_hand")]
+    relative = positions[:, hands] - positions[:, [skeleton.role("hips")]]
     return speeds(relative, bvh.rate_hz(clip.frame_time)).mean(axis=1)
 
 
@@ -37,7 +41,7 @@ def mean_jerk(clip: Clip) -> float:
 
 def root_drift(clip: Clip) -> float:
     """Largest horizontal distance of the hips from where they started, cm."""
-    hips = world_positions(clip)[:, clip.skeleton.index(clip.skeleton.roles.hips)]
+    hips = world_positions(clip)[:, clip.skeleton.role("hips")]
     return float(np.linalg.norm((hips - hips[:1])[:, [0, 2]], axis=-1).max())
 
 
@@ -47,11 +51,10 @@ def style_statistics(clip: Clip) -> Float[np.ndarray, " S"]:
     Positions are relative to the hips' ground point and in the body's mean heading, so that neither
     where the body stands nor where it looks counts.
     """
-    skeleton, roles = clip.skeleton, clip.skeleton.roles
-    positions = world_positions(clip)
-    left, right = skeleton.index(roles.left_hand), skeleton.index(roles.right_hand)
-    hips, spine, head = (skeleton.index(name) for name in (roles.hips, roles.spine, roles.head))
-    body = _in_heading(positions, left_right=(roles_joint(skeleton, left), roles_joint(skeleton, right)), hips=hips)
+    skeleton = clip.skeleton
+    left, right, hips, spine, head = map(skeleton.role, ("left_hand", "right_hand", "hips", "spine", "head"))
+    shoulders = [skeleton.parents[skeleton.parents[hand]] for hand in (left, right)]
+    body = _in_heading(world_positions(clip), shoulders, hips)
     pace = np.log(1.0 + speeds(body, bvh.rate_hz(clip.frame_time)))
     parts = [body[:, j] for j in (left, right, head, spine, hips)]
     means = [part.mean(axis=0) for part in parts]
@@ -60,14 +63,9 @@ def style_statistics(clip: Clip) -> Float[np.ndarray, " S"]:
     return np.concatenate([*means, *spreads, *paces])
 
 
-def roles_joint(skeleton, hand: int) -> int:
-    """The upper arm's joint that carries a hand: two joints up."""
-    return skeleton.parents[skeleton.parents[hand]]
-
-
-def _in_heading(positions: Positions, left_right: tuple[int, int], hips: int) -> Positions:
+def _in_heading(positions: Positions, shoulders: list[int], hips: int) -> Positions:
     """Positions relative to the mean hips' ground point, turned so that the shoulders' mean line is x."""
-    across = (positions[:, left_right[0]] - positions[:, left_right[1]]).mean(axis=0)
+    across = (positions[:, shoulders[0]] - positions[:, shoulders[1]]).mean(axis=0)
     angle = np.arctan2(across[2], across[0])
     cos, sin = np.cos(angle), np.sin(angle)
     turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])

@@ -1,0 +1,170 @@
+"""Stage `generate`: speech and styles in, the release's BVH out, through the same functions as `zeggs generate`."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from zeggs_jax.data import scale
+from zeggs_jax.geometry import quaternion, rotation
+from zeggs_jax.motion import bvh, edit, features, pose
+from zeggs_jax.motion.features import Motion
+from zeggs_jax.motion.skeleton import Skeleton
+from zeggs_jax.speech import features as speech_features
+from zeggs_jax.speech import wav
+from zeggs_jax.zeroeggs import style_space, torch_weights
+from zeggs_jax.zeroeggs.generate import synthesize
+from zeggs_jax.zeroeggs.model import Model, encode_speech, encode_style, reparameterise
+
+from . import golden as g
+
+STAGE = "generate"
+RESAMPLED = 1e-4  # speech features of a 44.1 kHz recording: another resampler than the release's sox (golden README)
+
+
+class Inputs(NamedTuple):
+    """What all cases share."""
+
+    folder: Path
+    case: dict[str, Any]
+    clips: dict[str, bvh.Clip]  # style clips "A" and "B"
+    eps: np.ndarray  # [2, 1, Z], the normal draw of the first and the second style
+    embedding: np.ndarray  # [Z]
+
+
+def check(golden: Path, reference: Path | None) -> Iterator[g.Row]:
+    """All cases; the networks' scales are the release's, so nothing is checked without `reference`."""
+    folder = golden / STAGE
+    if reference is None:
+        return
+    given = g.read_arrays(folder / "inputs.npz")
+    paths = {"A": golden / "bvh" / "clip.bvh", "B": golden / "dataset" / "input" / "001_Old_1.bvh"}
+    clips = {name: bvh.read(path) for name, path in paths.items()}
+    inputs = Inputs(folder, g.read_case(folder), clips, given["eps"], given["embedding"])
+    models = {v: formula_model(inputs.case, reference / v) for v in ("v1", "v2")}
+    for name in inputs.case["cases"]:
+        if (folder / f"{name}.npz").exists():
+            yield from check_case(name, inputs, models["v2" if name == "label" else "v1"])
+
+
+def formula_model(case: dict[str, Any], processed: Path) -> Model:
+    """The case's networks (recipe weights) with the release's statistics; v2 is steered by labels."""
+    label = processed.name == "v2"
+    arrays = {}
+    for network in ("speech_encoder", "decoder") if label else torch_weights.NETWORKS:
+        spec = case["networks"]["decoder_label" if label and network == "decoder" else network]
+        for name, tensor in spec["tensors"].items():
+            value = g.recipe(name, tuple(tensor["shape"]), spec["recipe_seed"], spec["gain"])
+            arrays[f"{network}/{name}"] = value
+    definition = json.loads((processed / "data_definition.json").read_text())
+    labels = tuple(definition["label_names"]) if label else ()
+    config = torch_weights.infer_config(arrays, definition["dt"], labels)
+    scales = torch_weights.read_scales(g.read_arrays(processed / "stats.npz"), config)
+    names, parents = tuple(definition["bone_names"]), tuple(definition["parents"])
+    skeleton = Skeleton(names, parents, np.asarray(scales.pose_out.mean)[6 : 6 + 3 * len(names)].reshape(-1, 3))
+    return Model(config, torch_weights.from_torch(arrays, config), scales, skeleton)
+
+
+def check_case(name: str, inputs: Inputs, model: Model) -> Iterator[g.Row]:
+    """One case: style features, embeddings, speech, the decoder's poses and the written file."""
+    expected, spec = g.read_arrays(inputs.folder / f"{name}.npz"), inputs.case["cases"][name]
+
+    def row(key: str, ours: Any, floor: float = 0.0) -> g.Row:
+        theirs = expected[key]
+        ours = np.asarray(ours).reshape(theirs.shape) if np.size(ours) == theirs.size else ours
+        limit = g.meta(inputs.case, f"{name}.npz", key).get("f32_vs_f64", {}).get("suggested_atol")
+        limit = limit if limit is not None else 16 * 1.2e-7 * float(np.abs(theirs).max())
+        return g.Row(STAGE, f"{name}/{key}", g.max_error(ours, theirs), max(limit, floor))
+
+    used, start = style_motions(name, spec, inputs)
+    embeddings = []
+    for k, motion in enumerate(used):
+        vectors = jax.vmap(pose.to_vector)(motion.pose)
+        style = encode_style(model.params, model.config, model.scales, vectors)
+        # the release divides the noise by its temperature
+        embeddings.append(reparameterise(style, jnp.asarray(inputs.eps[k, 0]), 1.0 / spec["temperature"]))
+        scaled = scale.apply(model.scales.pose_in, jnp.pad(vectors, ((0, 0), (0, 3))))[::20]
+        yield row(f"style_input_{k}", scaled)
+        yield row(f"mu_{k}", style.mean)
+        yield row(f"logvar_{k}", style.log_var)
+        yield row(f"style_{k}", embeddings[k])
+    if name == "embedding":
+        embeddings = [jnp.asarray(inputs.embedding)]
+    if name == "label":
+        embeddings = [jax.nn.one_hot(model.config.labels.index("Old"), len(model.config.labels))]
+    frames = spec["n_frames"]
+    if spec["blend_type"] == "stitch":
+        sequence = style_space.stitch(jnp.stack(embeddings), spec["blend_ratio"], frames)
+    else:
+        weights = jnp.asarray(spec["blend_ratio"] or [1.0])
+        sequence = style_space.hold(style_space.blend(jnp.stack(embeddings), weights), frames)
+    yield row("final_style", sequence)
+    yield from first_pose_rows(row, start)
+
+    wave = wav.normalize_loudness(wav.read(inputs.folder / "audio.wav"))
+    spectrum = jnp.asarray(speech_features.extract(wave, rate_hz=bvh.rate_hz(model.config.frame_time)))
+    if "audio_features" in expected:
+        yield row("audio_features", spectrum, floor=RESAMPLED)
+        released = jnp.asarray(expected["audio_features"])
+        yield row("speech_encoding", encode_speech(model.params, model.config, model.scales, released))
+    elif (inputs.folder / "single.npz").exists():
+        released = jnp.asarray(g.read_arrays(inputs.folder / "single.npz")["audio_features"])
+    else:
+        released = spectrum
+    yield from output_rows(name, row, inputs, model, synthesize(model, released, sequence, start), expected)
+    ours = features.decode(synthesize(model, spectrum, sequence, start), model.skeleton, model.config.frame_time, **AS_RELEASED)
+    yield from written_rows(f"{name} from the recording", ours, inputs.folder / f"{name}.bvh")
+
+
+AS_RELEASED: dict[str, Any] = {"offsets": "first_frame"}
+
+
+def style_motions(name: str, spec: dict[str, Any], inputs: Inputs) -> tuple[list[Motion], Motion]:
+    """The motions that are encoded, and the one whose first frame and gaze start the body."""
+    cut = {key: features.encode(clip) for key, clip in inputs.clips.items()}
+    if name == "frames":
+        cut["A"] = features.encode(edit.trim(inputs.clips["A"], 30, 150))
+    used = {"single": "A", "frames": "A", "add": "AB", "stitch": "AB", "first_pose": "B"}.get(name, "")
+    start = {"add": "B", "stitch": "B"}.get(name, "A")
+    return [cut[key] for key in used], cut[start]
+
+
+def first_pose_rows(row: Any, start: Motion) -> Iterator[g.Row]:
+    """What is handed to the decoder as its first frame."""
+    first = jax.tree.map(lambda x: x[0], start.pose)
+    parts = {
+        "root_pos": first.root.pos, "root_rot": first.root.rot, "root_vel": first.root_vel, "root_vrt": first.root_ang,
+        "lpos": first.joint_pos, "ltxy": first.joint_axes, "lvel": first.joint_vel, "lvrt": first.joint_ang,
+    }  # fmt: skip
+    for key, value in parts.items():
+        yield row(f"first_{key}", value)
+    yield row("gaze_pos", start.gaze)
+
+
+def output_rows(name: str, row: Any, inputs: Inputs, model: Model, poses: pose.Pose, expected: dict) -> Iterator[g.Row]:
+    """The decoder's poses and the file made from them, on the release's own speech features."""
+    if "ltxy" in expected:
+        yield row("ltxy", poses.joint_axes)
+    turns = rotation.axes_to_quaternion(poses.joint_axes)
+    yield row("V_root_pos", poses.root.pos)
+    yield row("V_root_rot", poses.root.rot)
+    yield row("V_lpos", poses.joint_pos)
+    yield row("V_lrot", turns)
+    clip = features.decode(poses, model.skeleton, model.config.frame_time, **AS_RELEASED)
+    yield from written_rows(name, clip, inputs.folder / f"{name}.bvh")
+
+
+def written_rows(name: str, clip: bvh.Clip, path: Path) -> Iterator[g.Row]:
+    """Our file against the release's: hierarchy text, positions, rotations as rotations (BVH has 6 decimals)."""
+    theirs = bvh.parse(path.read_text(), path.name)
+    ours = bvh.parse(bvh.format(clip), name)
+    same = ours.skeleton.names == theirs.skeleton.names and ours.orders == theirs.orders
+    yield g.Row(STAGE, f"{name}.bvh/joints, channels", 0.0 if same else np.inf, 0.0)
+    yield g.Row(STAGE, f"{name}.bvh/frame time", abs(ours.frame_time - theirs.frame_time), 0.0)
+    yield g.Row(STAGE, f"{name}.bvh/offsets [cm]", g.max_error(ours.skeleton.offsets, theirs.skeleton.offsets), 2e-4)
+    yield g.Row(STAGE, f"{name}.bvh/root positions [cm]", g.max_error(ours.positions[:, 0], theirs.positions[:, 0]), 5e-4)
+    turned = [quaternion.to_matrix(features.local_quaternions(clip)) for clip in (ours, theirs)]
+    yield g.Row(STAGE, f"{name}.bvh/rotations [matrix entries]", g.max_error(*turned), 1e-5)
