@@ -1,0 +1,240 @@
+"""BVH text to `Clip` and back: any channel order and count per joint in, the release's layout out.
+
+Degrees and file layout stay in here: a `Clip` holds radians and centimetres. A joint's position channels
+replace its OFFSET, axis by axis, as in the release; End Sites are not joints.
+"""
+
+import os
+import re
+import warnings
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from zeggs_jax.motion.skeleton import Skeleton
+
+
+class Clip(NamedTuple):
+    """Motion of a body as BVH stores it, T frames of J joints."""
+
+    skeleton: Skeleton
+    orders: tuple[str, ...]  # one per joint: "zyx" is R_z R_y R_x, the columns of `euler`
+    euler: Float[np.ndarray, "T J 3"]  # radians, each joint's columns in its own order, parent frame
+    positions: Float[np.ndarray, "T J 3"]  # cm, xyz, parent frame (joint 0: world)
+    frame_time: float  # s, as the file gives it; see `rate_hz`
+
+
+class _Joint(NamedTuple):
+    name: str
+    parent: int
+    offset: list[float]
+    channels: list[str]  # lower case
+
+
+def rate_hz(frame_time: float) -> float:
+    """Frames per second: the whole number that `frame_time` (s) was rounded from, else `1 / frame_time`.
+
+    0.016667, 0.0166666 and 0.016666 are all 60; 29.97 stays what it is.
+    """
+    rate = 1.0 / frame_time
+    whole = round(rate)
+    return float(whole) if whole and abs(rate / whole - 1.0) < 5e-4 else rate
+
+
+def read(path: str | Path) -> Clip:
+    """The clip in a BVH file; ValueError says what is wrong with the file and where."""
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"There is no BVH file '{path}'.")
+    raw = path.read_bytes()
+    if b"\0" in raw:
+        raise ValueError(f"'{path.name}' is not a BVH file: it holds binary data, a BVH is plain text.")
+    try:
+        return parse(raw.decode("utf-8-sig"), path.name)
+    except UnicodeDecodeError:
+        return parse(raw.decode("latin-1"), path.name)
+
+
+def write(path: str | Path, clip: Clip, translations: bool = False) -> None:
+    """Write a clip; without `translations` only joint 0 keeps its positions, the others their OFFSET."""
+    path = Path(path)
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(format(clip, translations), encoding="utf-8", newline="\n")
+    os.replace(partial, path)
+
+
+def parse(text: str, name: str = "BVH text") -> Clip:
+    """The clip in BVH `text`; `name` stands for the file in error messages."""
+    if not text.strip():
+        raise ValueError(f"'{name}' is empty; a BVH begins with the word HIERARCHY.")
+    hierarchy, *motion = re.split(r"^[ \t]*MOTION[ \t]*$", text.replace("\r", "\n"), maxsplit=1, flags=re.M)
+    if not re.match(r"\s*HIERARCHY\b", hierarchy):
+        raise ValueError(
+            f"'{name}' is not a BVH file: it begins with {text.split()[0][:20]!r}, not HIERARCHY."
+        )
+    if not motion:
+        raise ValueError(f"'{name}' has a HIERARCHY but no MOTION; it was cut off or holds no motion.")
+    joints = _hierarchy(hierarchy, name)
+    names, parents, offsets, channels = zip(*joints, strict=True)
+    frame_time, values = _frames(motion[0], joints, name)
+    try:
+        skeleton = Skeleton(names, parents, np.asarray(offsets))
+    except ValueError as error:
+        raise ValueError(f"'{name}' has a hierarchy that cannot be used: {error}") from None
+    return _clip(skeleton, channels, values, frame_time)
+
+
+def _hierarchy(text: str, name: str) -> list[_Joint]:
+    """The joints in order of appearance."""
+    words = text.replace("{", " { ").replace("}", " } ").split()
+    joints: list[_Joint] = []
+    open_joints = [-1]
+    at = 1
+    try:
+        while at < len(words):
+            word = words[at].upper()
+            if word in ("ROOT", "JOINT"):
+                brace = words.index("{", at)
+                joints.append(_Joint(" ".join(words[at + 1 : brace]), open_joints[-1], [], []))
+                open_joints.append(len(joints) - 1)
+                at = brace + 1
+            elif word == "END":
+                at = words.index("}", at) + 1
+            elif word == "OFFSET":
+                joints[open_joints[-1]].offset.extend(float(number) for number in words[at + 1 : at + 4])
+                at += 4
+            elif word == "CHANNELS":
+                count = int(words[at + 1])
+                joints[open_joints[-1]].channels.extend(_channels(words[at + 2 : at + 2 + count], count))
+                at += 2 + count
+            elif word == "}":
+                open_joints.pop()
+                at += 1
+            else:
+                raise ValueError(f"unexpected {words[at]!r}")
+        if len(open_joints) != 1 or not all(len(joint.offset) == 3 for joint in joints) or not joints:
+            raise ValueError("a brace or an OFFSET is missing")
+    except (ValueError, IndexError) as error:
+        joint = f"after joint '{joints[-1].name}'" if joints else "at its beginning"
+        raise ValueError(f"'{name}' has a broken hierarchy {joint}: {error}.") from None
+    return joints
+
+
+def _channels(words: list[str], count: int) -> list[str]:
+    """Channel names in lower case; scale channels are allowed and ignored later."""
+    channels = [word.lower() for word in words]
+    wrong = [word for word in channels if not re.fullmatch(r"[xyz](position|rotation|scale)", word)]
+    if wrong or len(channels) != count or len(set(channels)) != count:
+        raise ValueError(f"CHANNELS {count} is followed by {' '.join(words)!r}")
+    return channels
+
+
+def _frames(text: str, joints: list[_Joint], name: str) -> tuple[float, Float[np.ndarray, "T C"]]:
+    """Frame time and the block of numbers, one row per frame."""
+    frames = re.match(r"\s*Frames[ \t]*:?[ \t]*(\d+)[ \t]*$", text, flags=re.M | re.I)
+    if frames is None:
+        raise ValueError(f"'{name}' has no line 'Frames: N' after MOTION.")
+    time = re.match(r"\s*Frame\s+Time[ \t]*:?[ \t]*(\S+)[ \t]*$", text[frames.end() :], flags=re.M | re.I)
+    if time is None:
+        raise ValueError(f"'{name}' has no line 'Frame Time: seconds' after its Frames line.")
+    try:
+        frame_time = float(time[1])
+    except ValueError:
+        frame_time = np.nan
+    if not 0 < frame_time < np.inf:
+        raise ValueError(f"'{name}' has frame time {time[1]!r}; it must be a number of seconds above 0.")
+    count, width = int(frames[1]), sum(len(joint.channels) for joint in joints)
+    if not count or not width:
+        raise ValueError(f"'{name}' holds no motion: {count} frames of {width} channels.")
+    block = text[frames.end() + time.end() :]
+    values = _numbers(block)
+    if values is None or values.size != count * width:
+        raise ValueError(f"'{name}' {_what_is_wrong(block, count, width)}")
+    values = values.reshape(count, width)
+    if not np.isfinite(values).all():
+        frame, column = np.argwhere(~np.isfinite(values))[0]
+        joint, channel = [(j.name, channel) for j in joints for channel in j.channels][column]
+        raise ValueError(
+            f"'{name}' has {values[frame, column]} in channel {channel.capitalize()} of joint '{joint}' "
+            f"in frame {frame} (counted from 0); every channel must be a finite number."
+        )
+    return frame_time, values
+
+
+def _numbers(text: str) -> Float[np.ndarray, "n"] | None:
+    """All numbers of a text, None where something is no number."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            return np.fromstring(text, sep=" ")
+        except (ValueError, DeprecationWarning):
+            return None
+
+
+def _what_is_wrong(block: str, count: int, width: int) -> str:
+    """Why a block is not `count` lines of `width` numbers."""
+    lines = [line.split() for line in block.splitlines() if line.strip()]
+    for frame, words in enumerate(lines):
+        bad = next((word for word in words if _numbers(word) is None), None)
+        if bad is not None:
+            return f"has {bad!r} where a number belongs, in frame {frame} (counted from 0)."
+        if len(words) < width and frame == len(lines) - 1:
+            return f"is cut off in frame {frame} (counted from 0): {len(words)} of {width} numbers are there."
+        if len(words) != width:
+            return f"has {len(words)} numbers in frame {frame} (counted from 0), its channels need {width}."
+    return f"announces {count} frames and holds {len(lines)}; correct its Frames line or complete the file."
+
+
+def _clip(skeleton: Skeleton, channels: tuple[list[str], ...], values: np.ndarray, frame_time: float) -> Clip:
+    """The block's columns brought to their joints and axes."""
+    letters = ["".join(c[0] for c in joint if c.endswith("rotation")) for joint in channels]
+    usual = max((o for o in letters if len(o) == 3), key=letters.count, default="zyx")
+    orders = tuple(order + "".join(x for x in usual if x not in order) for order in letters)
+    euler = np.zeros((len(values), len(skeleton), 3))
+    positions = np.tile(skeleton.offsets, (len(values), 1, 1))
+    flat = [(joint, channel) for joint, listed in enumerate(channels) for channel in listed]
+    for column, (joint, channel) in enumerate(flat):
+        if channel.endswith("rotation"):
+            euler[:, joint, orders[joint].index(channel[0])] = np.radians(values[:, column])
+        elif channel.endswith("position"):
+            positions[:, joint, "xyz".index(channel[0])] = values[:, column]
+    return Clip(skeleton, orders, euler, positions, frame_time)
+
+
+def format(clip: Clip, translations: bool = False) -> str:
+    """BVH text in the release's layout: tabs, six decimals, depth first, an End Site on every leaf."""
+    lines = ["HIERARCHY"]
+    columns: list[np.ndarray] = []
+
+    def joint_text(joint: int, depth: int) -> None:
+        tab, skeleton = "\t" * depth, clip.skeleton
+        lines.extend([f"{tab}{'JOINT' if joint else 'ROOT'} {skeleton.names[joint]}", f"{tab}{{"])
+        lines.append(f"{tab}\tOFFSET {_triple(skeleton.offsets[joint])}")
+        turns = " ".join(f"{letter.upper()}rotation" for letter in clip.orders[joint])
+        if translations or not joint:
+            lines.append(f"{tab}\tCHANNELS 6 Xposition Yposition Zposition {turns} ")
+            columns.append(clip.positions[:, joint])
+        else:
+            lines.append(f"{tab}\tCHANNELS 3 {turns}")
+        columns.append(np.degrees(clip.euler[:, joint]))
+        children = [child for child, parent in enumerate(skeleton.parents) if parent == joint]
+        for child in children:
+            joint_text(child, depth + 1)
+        if not children:
+            lines.extend(
+                [f"{tab}\tEnd Site", f"{tab}\t{{", f"{tab}\t\tOFFSET {_triple(np.zeros(3))}", f"{tab}\t}}"]
+            )
+        lines.append(f"{tab}}}")
+
+    joint_text(0, 0)
+    block = np.concatenate(columns, axis=-1)
+    row = "%f " * block.shape[1]
+    lines.extend(["MOTION", f"Frames: {len(block)}", f"Frame Time: {clip.frame_time:f}"])
+    lines.extend(row % tuple(frame) for frame in block)
+    return "\n".join(lines) + "\n"
+
+
+def _triple(xyz: np.ndarray) -> str:
+    return " ".join(f"{x:f}" for x in xyz)
