@@ -1,6 +1,6 @@
 """Mean and standard deviation as a pytree: networks see scaled values, all else is in cm, s, rad."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -90,10 +90,10 @@ def fit(speech: Blocks, pose: Blocks, gaze: Blocks, joints: int, as_released: bo
     return Scales(Scale(speech_mean, np.float32(speech_std)), pose_in, pose_out)
 
 
-def _sum_rows(blocks):
+def _sum_rows(blocks: Iterable[np.ndarray]) -> np.ndarray:
     """Sum over the rows of all blocks, one row after the other, in the blocks' own precision."""
-    total = None
+    blocks = iter(blocks)
+    total = np.add.reduce(next(blocks), axis=0)
     for block in blocks:
-        rows = block if total is None else np.concatenate([total[None], block])
-        total = np.add.reduce(rows, axis=0)
+        total = np.add.reduce(np.concatenate([total[None], block]), axis=0)
     return total
