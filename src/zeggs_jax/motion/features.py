@@ -41,7 +41,7 @@ def encode(clip: Clip) -> Motion:
     if frames < 4:
         raise ValueError(f"A clip of {frames} frames is too short for velocities; give at least 4 frames.")
     paths = tuple(_path(clip.skeleton, role) for role in ("hips", "spine", "head"))
-    pose, look = _in_float64(
+    pose, look = in_float64(
         partial(_encode, orders=clip.orders, paths=paths, frame_time=clip.frame_time),
         clip.euler,
         clip.positions,
@@ -64,7 +64,7 @@ def decode(
     where the bones' offsets come from: the joint positions of frame 0 (as released), the skeleton's own, or
     "per_frame", which also keeps the predicted positions of all joints in every frame.
     """
-    euler, positions = _in_float64(partial(_decode, rebased=rebase), poses)
+    euler, positions = in_float64(partial(_decode, rebased=rebase), poses)
     first = positions[0] if offsets != "skeleton" else np.asarray(skeleton.offsets, np.float64)
     if offsets != "per_frame":
         positions[:, 1:] = first[1:]
@@ -74,22 +74,22 @@ def decode(
 
 def local_quaternions(clip: Clip) -> Float[np.ndarray, "T J 4"]:
     """Joint rotations relative to the parent, float64, without sign jumps from frame to frame."""
-    return _in_float64(partial(_local_quaternions, orders=clip.orders), clip.euler)
+    return in_float64(partial(_local_quaternions, orders=clip.orders), clip.euler)
 
 
 def with_quaternions(clip: Clip, rotations: Float[np.ndarray, "T J 4"], positions: np.ndarray) -> Clip:
     """The clip with other local rotations and positions [T, J, 3] (cm), in its own Euler orders."""
-    euler = _in_float64(partial(_eulers, orders=clip.orders), rotations)
+    euler = in_float64(partial(_eulers, orders=clip.orders), rotations)
     return clip._replace(euler=euler, positions=np.asarray(positions, np.float64))
 
 
 def world_positions(clip: Clip) -> Float[np.ndarray, "T J 3"]:
     """Positions of all joints in world, cm."""
     run = partial(_world_positions, orders=clip.orders, parents=clip.skeleton.parents)
-    return _in_float64(run, clip.euler, clip.positions)
+    return in_float64(run, clip.euler, clip.positions)
 
 
-def _in_float64(function: Callable[..., Any], *arguments: Any) -> Any:
+def in_float64(function: Callable[..., Any], *arguments: Any) -> Any:
     """Call with every array in float64 and padded in time; results cut to length, as numpy arrays."""
     frames = len(jax.tree.leaves(arguments)[0])
     missing = (256 if frames <= 256 else max(1024, 1 << (frames - 1).bit_length())) - frames
