@@ -1,7 +1,7 @@
 """The layers of both papers in PyTorch's parameters: dense, convolution over frames, GRU cell, layer norm.
 
-Weights keep PyTorch's layouts, (out, in) and (out, in, kernel), its two GRU biases and its initialisers, so that
-converting a release's weights is pure renaming and training starts from the same distribution. Everything is
+Weights keep PyTorch's layouts, (out, in) and (out, in, kernel), its two GRU biases and its initialisers, so
+that converting a release's weights is pure renaming and training starts from the same distribution. All is
 written for one clip: an array is a vector [C] or a sequence [T, C]; batches come from `jax.vmap`.
 """
 
@@ -79,7 +79,11 @@ class Conv(nn.Module):
         half = self.kernel // 2
         padded = jnp.pad(x, ((half, half), (0, 0)), mode="edge" if self.padding == "edge" else "constant")
         product = jax.lax.conv_general_dilated(
-            padded[None], weight, window_strides=(1,), padding="VALID", dimension_numbers=("NWC", "OIW", "NWC")
+            padded[None],
+            weight,
+            window_strides=(1,),
+            padding="VALID",
+            dimension_numbers=("NWC", "OIW", "NWC"),
         )[0]
         return product + jnp.broadcast_to(bias, product.shape)
 

@@ -50,7 +50,11 @@ class ZeroEggsConfig:
 def to_dict(config: Any) -> dict[str, Any]:
     """A config as plain dicts, lists, numbers and strings, ready for JSON."""
     return {
-        f.name: to_dict(value) if dataclasses.is_dataclass(value) else list(value) if isinstance(value, tuple) else value
+        f.name: to_dict(value)
+        if dataclasses.is_dataclass(value)
+        else list(value)
+        if isinstance(value, tuple)
+        else value
         for f in dataclasses.fields(config)
         for value in [getattr(config, f.name)]
     }

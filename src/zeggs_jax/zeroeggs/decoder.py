@@ -1,7 +1,7 @@
-"""ZeroEGGS Fig. 4, the decoder: one `lax.scan` over frames whose carry holds the pose, its root and the GRU state.
+"""ZeroEGGS Fig. 4, the decoder: one `lax.scan` whose carry holds the pose with its root and the GRU state.
 
 The body has three verbs: **observe** (last pose and the direction of this frame's target -> scaled vector),
-**predict** (GRU, conditioned on this frame's speech and style), **integrate** (unscale, unpack, move the root).
+**predict** (GRU, given this frame's speech and style), **integrate** (unscale, unpack, move the root).
 """
 
 from dataclasses import dataclass
@@ -114,7 +114,7 @@ class Recurrent(nn.Module):
 
 
 class FilmRecurrent(nn.Module):
-    """The same with FiLM: the style scales and shifts what comes out of the layers before and after the GRU."""
+    """The same with FiLM: the style scales and shifts the outputs of the layers before and after the GRU."""
 
     config: DecoderConfig
 
@@ -133,24 +133,25 @@ class FilmRecurrent(nn.Module):
 
 
 def observe(pose: Pose, target: Float[Array, " 3"], pose_in: Scale) -> Float[Array, " O"]:
-    """The scaled pose vector and, from the pose's root, the direction of the target (not normalised, as released)."""
-    return scale.apply(pose_in, jnp.concatenate([poses.to_vector(pose), poses.gaze_direction(pose.root, target)]))
+    """The scaled pose vector and the way from its root to the target (in cm: not normalised, as released)."""
+    return scale.apply(
+        pose_in, jnp.concatenate([poses.to_vector(pose), poses.gaze_direction(pose.root, target)])
+    )
 
 
-def begin(
-    params: Any, config: DecoderConfig, scales: Scales, first: Pose, given: Frame
-) -> DecoderState:
+def begin(params: Any, config: DecoderConfig, scales: Scales, first: Pose, given: Frame) -> DecoderState:
     """The state before frame 1, from the first pose and frame 0's style and target."""
     seen = observe(first, given.target, scales.pose_in)
-    hidden = Decoder(config).apply({"params": params}, seen, given.style, method="begin")
-    return DecoderState(first, hidden)
+    network: Any = Decoder(config)
+    return DecoderState(first, network.apply({"params": params}, seen, given.style, method="begin"))
 
 
 def predict(
     params: Any, config: DecoderConfig, seen: Float[Array, " O"], given: Frame, hidden: Float[Array, "L H"]
 ) -> tuple[Float[Array, " P"], Float[Array, "L H"]]:
     """One step of the recurrence: the scaled vector of the next pose, and the hidden state after it."""
-    return Decoder(config).apply({"params": params}, seen, given, hidden, method="predict")
+    network: Any = Decoder(config)
+    return network.apply({"params": params}, seen, given, hidden, method="predict")
 
 
 def integrate(last: Pose, predicted: Float[Array, " P"], pose_out: Scale, frame_time: ArrayLike) -> Pose:

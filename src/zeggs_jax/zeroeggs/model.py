@@ -1,4 +1,4 @@
-"""ZeroEGGS Fig. 2, the whole system: speech and an example motion are encoded, a style is drawn, a body is decoded.
+"""ZeroEGGS Fig. 2: speech and an example motion are encoded, a style is drawn, a moving body is decoded.
 
     features --encode_speech--------------------------------\\
     example ---encode_style--> N(mean, var) --sample_style---+--> decode --> poses
@@ -43,7 +43,9 @@ __all__ = [
     "to_dict",
 ]
 
-Params = dict[str, Any]  # "speech", "style" (not with labels), "decoder"; weights (out, in) or (out, in, kernel)
+Params = dict[
+    str, Any
+]  # "speech", "style" (not with labels), "decoder"; weights (out, in) or (out, in, kernel)
 
 
 class Model(NamedTuple):
@@ -75,8 +77,9 @@ def encode_speech(
     features: Float[Array, "T F"],
     dropout_key: Array | None = None,
 ) -> Float[Array, "T S"]:
-    """Fig. 3a: features of `speech.features.extract` -> speech embedding; dropout only with `dropout_key`."""
-    return SpeechEncoder(config.speech).apply(
+    """Fig. 3a: features (`speech.features.extract`) -> speech embedding; dropout only with `dropout_key`."""
+    encoder: Any = SpeechEncoder(config.speech)
+    return encoder.apply(
         {"params": params["speech"]}, scale.apply(scales.speech, features), **_dropout(dropout_key)
     )
 
@@ -94,7 +97,8 @@ def encode_style(
     Frames from `length` on are padding. As released, the gaze columns are zeros before they are scaled.
     """
     gazeless = jnp.pad(example, ((0, 0), (0, GAZE)))
-    return StyleEncoder(config.style).apply(
+    encoder: Any = StyleEncoder(config.style)
+    return encoder.apply(
         {"params": params["style"]},
         scale.apply(scales.pose_in, gazeless),
         example.shape[0] if length is None else length,
@@ -111,7 +115,7 @@ def decode(
     style: Float[Array, "T Z"],
     gaze: Float[Array, "T 3"],
 ) -> Pose:
-    """Fig. 4: T poses, the first of which is `first`; `gaze` is the world position [cm] that the body faces."""
+    """Fig. 4: T poses, the first of which is `first`; `gaze` is the world position, in cm, that it faces."""
     return rollout(
         params["decoder"], config.decoder, scales, first, Frame(speech, style, gaze), config.frame_time
     )
@@ -127,7 +131,9 @@ def check_params(params: Any, config: ZeroEggsConfig) -> None:
         if name not in expected:
             raise ValueError(f"parameter '{name}' with shape {found[name]} does not belong to this config.")
         if found[name] != expected[name]:
-            raise ValueError(f"parameter '{name}' has shape {found[name]}; the config asks for {expected[name]}.")
+            raise ValueError(
+                f"parameter '{name}' has shape {found[name]}; the config asks for {expected[name]}."
+            )
 
 
 def _leaves(params: Any) -> dict[str, tuple[int, ...]]:

@@ -1,7 +1,7 @@
-"""ZeroEGGS Fig. 3a, the speech encoder: speech features to one embedding a frame, seeing half a second around it.
+"""ZeroEGGS Fig. 3a, the speech encoder: speech features to an embedding for every frame.
 
-Follows the release where the paper differs: the first convolution has width 1 (paper: 3) and dropout stands after
-the ELU (paper: before it).
+Follows the release where the paper differs: the first convolution has width 1 (paper: 3) and dropout stands
+after the ELU (paper: before it).
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from ..nn.layers import Conv, Dense
 
 @dataclass(frozen=True)
 class SpeechEncoderConfig:
-    """Sizes of the speech encoder; `kernel` is odd and counts frames (31 at 60 Hz: 15 frames of look-ahead)."""
+    """Sizes of the speech encoder; `kernel` is odd and counts frames (31: it looks 15 frames ahead)."""
 
     features: int = 81
     hidden: int = 64

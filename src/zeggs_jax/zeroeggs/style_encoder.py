@@ -1,9 +1,9 @@
 """ZeroEGGS Fig. 3b, the style encoder: an example motion of any length to N(mean, var) over style embeddings.
 
-Two kinds, as in the release: `attn` (convolutions, positions, one transformer block, mean over time; the paper's)
-and `gru` (convolutions, bidirectional GRU; the ablation). Examples of different lengths are padded to one and
-masked: padding is then exact, because the mask is applied again before every convolution, in the attention and in
-the mean.
+Two kinds, as in the release: `attn` (convolutions, positions, one transformer block, mean over time: the
+paper's) and `gru` (convolutions, bidirectional GRU). Examples of different lengths are padded to one and
+masked; padding changes nothing, because the mask is applied again before every convolution, in the attention
+and in the mean.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ RELU_GAIN = 2.0**0.5
 
 @dataclass(frozen=True)
 class StyleEncoderConfig:
-    """Sizes of the style encoder; kind 'label' means one-hot styles and no encoder at all (the release's v2)."""
+    """Sizes of the style encoder; kind 'label' means one-hot styles and no encoder (the release's v2)."""
 
     kind: Literal["attn", "gru", "label"] = "attn"
     hidden: int = 512
@@ -39,7 +39,7 @@ class StyleEncoderConfig:
 
 
 class StyleDistribution(NamedTuple):
-    """A Gaussian over style embeddings; without the variational part `log_var` is None and `mean` is the style."""
+    """A Gaussian over style embeddings; not variational: `log_var` is None and `mean` is the style."""
 
     mean: Float[Array, " Z"]
     log_var: Float[Array, " Z"] | None
@@ -85,7 +85,7 @@ class AttentionEncoder(nn.Module):
 class RecurrentEncoder(nn.Module):
     """Two convolutions, a GRU in each direction, one dense layer.
 
-    As released, the dense layer reads both outputs at the last frame: the backward half has seen that frame only.
+    As released, the dense layer reads both outputs at the last frame, the first that the backward half sees.
     """
 
     config: StyleEncoderConfig
@@ -111,7 +111,7 @@ class RecurrentEncoder(nn.Module):
 def reparameterise(
     distribution: StyleDistribution, noise: Float[Array, " Z"], temperature: ArrayLike = 1.0
 ) -> Float[Array, " Z"]:
-    """mean + temperature * std * noise: 0 gives the mean, more gives more variety (the release divides instead)."""
+    """mean + temperature * std * noise: 0 is the mean, more is more varied (the release divides instead)."""
     if distribution.log_var is None:
         return distribution.mean
     return distribution.mean + temperature * jnp.exp(0.5 * distribution.log_var) * noise

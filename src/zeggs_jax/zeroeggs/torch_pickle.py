@@ -1,8 +1,8 @@
 """Reads a network that PyTorch saved, without PyTorch and without running anything that the file contains.
 
-A .pt file is a zip archive of a pickle and raw little-endian storages. The pickle is read with a fixed list of
-opcodes and names: network classes become empty stand-ins, tensors become numpy arrays, and every other name is
-refused before anything is built.
+A .pt file is a zip archive of a pickle and raw little-endian storages. The pickle is read with a fixed list
+of opcodes and names: network classes become empty stand-ins, tensors become numpy arrays, every other name is
+refused.
 """
 
 import io
@@ -23,11 +23,14 @@ STORAGES = {
     "IntStorage": "<i4",
     "BoolStorage": "?",
 }
-OPCODES = frozenset(
-    "PROTO FRAME STOP MARK GLOBAL STACK_GLOBAL MEMOIZE PUT BINPUT LONG_BINPUT GET BINGET LONG_BINGET BINPERSID "
-    "REDUCE BUILD NEWOBJ NONE NEWTRUE NEWFALSE BININT BININT1 BININT2 LONG1 BINFLOAT "
-    "BINUNICODE SHORT_BINUNICODE EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 EMPTY_LIST APPEND APPENDS "
-    "EMPTY_DICT SETITEM SETITEMS EMPTY_SET ADDITEMS".split()
+OPCODES = set(  # what PyTorch writes in any protocol; no INST, OBJ, EXT, NEWOBJ_EX, DUP, POP
+    """
+    PROTO FRAME STOP MARK GLOBAL STACK_GLOBAL REDUCE BUILD NEWOBJ BINPERSID
+    MEMOIZE PUT BINPUT LONG_BINPUT GET BINGET LONG_BINGET
+    NONE NEWTRUE NEWFALSE BININT BININT1 BININT2 LONG1 BINFLOAT BINUNICODE SHORT_BINUNICODE
+    EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 EMPTY_LIST APPEND APPENDS
+    EMPTY_DICT SETITEM SETITEMS EMPTY_SET ADDITEMS
+    """.split()  # noqa: SIM905
 )
 NETWORK_CLASS = re.compile(r"(modules|__main__|torch\.nn\.modules\.\w+)\.[A-Za-z]\w*")
 MAX_DEPTH = 32
@@ -47,10 +50,14 @@ def read(file: bytes | BinaryIO, name: str = "the file") -> dict[str, np.ndarray
         with zipfile.ZipFile(io.BytesIO(file) if isinstance(file, bytes) else file) as archive:
             return _state(_Reader(archive).load())
     except _Refused as refusal:
-        raise ValueError(f"'{name}' was refused: {refusal}; expected a network saved by PyTorch.") from refusal
+        raise ValueError(
+            f"'{name}' was refused: {refusal}; expected a network saved by PyTorch."
+        ) from refusal
     except Exception as error:  # a broken pickle can fail in any way; nothing of it has been run
         reason = str(error) or type(error).__name__
-        raise ValueError(f"'{name}' is not a network saved by PyTorch as a zip archive ({reason}).") from error
+        raise ValueError(
+            f"'{name}' is not a network saved by PyTorch as a zip archive ({reason})."
+        ) from error
 
 
 class _Refused(Exception):
@@ -73,7 +80,9 @@ class _Reader(pickle.Unpickler):
             raise _Refused(f"it holds {len(pickles)} files called data.pkl")
         self._archive, self._root = archive, pickles[0].removesuffix("data.pkl")
         self._storages: dict[str, np.ndarray] = {}
-        self._names: dict[str, Any] = {  # classes of this file alone: what it does to them, no other file sees
+        self._names: dict[
+            str, Any
+        ] = {  # classes of this file alone: what it does to them, no other file sees
             "collections.OrderedDict": OrderedDict,
             "__builtin__.set": set,
             "builtins.set": set,
@@ -119,7 +128,7 @@ def _check_opcodes(content: bytes) -> None:
     for opcode, argument, _ in pickletools.genops(content):
         if opcode.name not in OPCODES:
             raise _Refused(f"its pickle uses {opcode.name}")
-        if opcode.name.endswith("PUT") and int(argument) > len(content):
+        if opcode.name.endswith("PUT") and not 0 <= int(argument or 0) <= len(content):
             raise _Refused("its pickle is malformed")
 
 

@@ -1,9 +1,9 @@
 """The PyTorch release's weights and statistics as a Model of ours, and back; imports no torch.
 
-Parameters keep PyTorch's layouts, so converting renames and nothing else: there and back is bit for bit. Names:
+Parameters keep PyTorch's layouts, so converting renames and nothing else: there and back is bit for bit.
 
     release, in .pt files                       ours                                    paper
-    ------------------------------------------  --------------------------------------  --------------------------
+    ------------------------------------------  --------------------------------------  ----------------------
     speech_encoder  layer0, layer1              speech  conv0, conv1                    Fig. 3a, convolutions
                     layer2                              dense                           Fig. 3a, linear
     style_encoder   encoder.convs.0, .4         style   encoder/conv0, conv1            Fig. 3b, convolutions
@@ -20,11 +20,11 @@ Parameters keep PyTorch's layouts, so converting renames and nothing else: there
                     layer2, layer3                      recurrent/dense_mid, dense_out
 
     release, in poses and statistics            ours                                    paper, Sec. 3.1
-    ------------------------------------------  --------------------------------------  --------------------------
-    root_pos, root_rot                          Root.pos, Root.rot                      root position, orientation
+    ------------------------------------------  --------------------------------------  ----------------------
+    root_pos, root_rot                          Root.pos, Root.rot                      root pose
     root_vel, root_vrt                          Pose.root_vel, root_ang                 root velocities
-    lpos, ltxy, lvel, lvrt                      Pose.joint_pos, joint_axes, joint_vel,  joint positions, rotations,
-                                                joint_ang                               their velocities
+    lpos, ltxy                                  Pose.joint_pos, joint_axes              joint poses
+    lvel, lvrt                                  Pose.joint_vel, joint_ang               joint velocities
     gaze_pos                                    Frame.target, the argument `gaze`       facing target
     audio_input_*                               Scales.speech
     anim_input_*, anim_output_*                 Scales.pose_in, Scales.pose_out
@@ -45,8 +45,11 @@ from .decoder import GAZE, DecoderConfig
 from .model import Model, Params, check_params
 from .speech_encoder import SpeechEncoderConfig
 from .style_encoder import StyleEncoderConfig
+from .torch_names import rename, torch_names
 
-Arrays = Mapping[str, np.ndarray]  # "<network>/<state_dict name>", as in "decoder/recurrent_decoder.layer0.weight"
+Arrays = Mapping[
+    str, np.ndarray
+]  # "<network>/<state_dict name>", as in "decoder/recurrent_decoder.layer0.weight"
 
 NETWORKS = ("speech_encoder", "style_encoder", "decoder")
 AUDIO = {  # the settings that our speech features follow; other settings of the pipeline change nothing
@@ -75,8 +78,8 @@ def convert(
     """The release's files as a Model.
 
     Args:
-        networks: contents of speech_encoder.pt, style_encoder.pt and decoder.pt, by their names without '.pt'; a
-            model that is steered by labels has no style_encoder.
+        networks: contents of speech_encoder.pt, style_encoder.pt and decoder.pt, by their names without
+            '.pt'; a model that is steered by labels has no style_encoder.
         stats: the arrays of stats.npz.
         data_definition: the content of data_definition.json.
         pipeline_conf: the content of data_pipeline_conf.json; checked, because our speech features are fixed.
@@ -97,25 +100,21 @@ def convert(
     if config.joints != len(names):
         raise ValueError(f"decoder.pt moves {config.joints} joints, data_definition.json names {len(names)}.")
     scales = read_scales(stats, config)
-    offsets = np.asarray(scales.pose_out.mean)[6 : 6 + 3 * len(names)].reshape(-1, 3)  # the data's mean offsets
+    offsets = np.asarray(scales.pose_out.mean)[6 : 6 + 3 * len(names)].reshape(
+        -1, 3
+    )  # the data's mean offsets
     return Model(config, from_torch(arrays, config), scales, Skeleton(names, parents, offsets))
 
 
 def from_torch(arrays: Arrays, config: ZeroEggsConfig) -> Params:
-    """Parameters from the release's arrays; a ValueError names the first that is missing, unknown or misshapen."""
+    """Parameters from the release's arrays; a ValueError names the first that does not fit."""
     names = torch_names(config)
     for name in [*names.values(), *arrays]:
         if name not in arrays:
             raise ValueError(f"'{name}' is missing among the release's arrays.")
         if name not in names.values():
             raise ValueError(f"'{name}' does not belong to the network that the other arrays make up.")
-    params: Params = {}
-    for path, name in names.items():
-        *parents, leaf = path.split("/")
-        place = params
-        for parent in parents:
-            place = place.setdefault(parent, {})
-        place[leaf] = np.asarray(arrays[name])
+    params = rename(arrays, names)
     check_params(params, config)
     return params
 
@@ -132,63 +131,10 @@ def to_torch(params: Params, config: ZeroEggsConfig) -> dict[str, np.ndarray]:
     return arrays
 
 
-def torch_names(config: ZeroEggsConfig) -> dict[str, str]:
-    """The release's name of each of our parameters, by path: 'speech/conv0/weight' -> 'speech_encoder/layer0.weight'."""
-    patterns = {
-        **_under("speech", "speech_encoder", {"conv0": "layer0.{}", "conv1": "layer1.{}", "dense": "layer2.{}"}),
-        **_under("style", "style_encoder", {} if config.labels else _style_patterns(config.style)),
-        **_under("decoder", "decoder", _decoder_patterns(config.decoder)),
-    }
-    names = {}
-    for ours, pattern in patterns.items():
-        leaves = ("weight_ih", "weight_hh", "bias_ih", "bias_hh") if "{}_l" in pattern else ("weight", "bias")
-        names |= {f"{ours}/{leaf}": pattern.format(leaf) for leaf in leaves}
-    return names
-
-
-def _under(ours: str, network: str, patterns: dict[str, str]) -> dict[str, str]:
-    return {f"{ours}/{layer}": f"{network}/{pattern}" for layer, pattern in patterns.items()}
-
-
-def _style_patterns(config: StyleEncoderConfig) -> dict[str, str]:
-    attention = "encoder.blocks.0.attention."
-    forward = "encoder.blocks.0.feed_forward."
-    if config.kind == "gru":
-        return {
-            "encoder/conv0": "encoder.convs.0.conv.{}",
-            "encoder/conv1": "encoder.convs.2.conv.{}",
-            "encoder/forward": "encoder.rnn_layer.{}_l0",
-            "encoder/backward": "encoder.rnn_layer.{}_l0_reverse",
-            "encoder/dense": "encoder.projection_layer.linear_layer.{}",
-        }
-    return {
-        "encoder/conv0": "encoder.convs.0.conv.{}",
-        "encoder/norm0": "encoder.convs.2.{}",
-        "encoder/conv1": "encoder.convs.4.conv.{}",
-        "encoder/norm1": "encoder.convs.6.{}",
-        "encoder/block/attention/project_in": attention + "multi_head_attention.in_proj_{}",
-        "encoder/block/attention/project_out": attention + "multi_head_attention.out_proj.{}",
-        "encoder/block/attention_norm": attention + "layer_norm.{}",
-        "encoder/block/conv0": forward + "convs.0.conv.{}",
-        "encoder/block/conv1": forward + "convs.2.conv.{}",
-        "encoder/block/conv_norm": forward + "layer_norm.{}",
-    }
-
-
-def _decoder_patterns(config: DecoderConfig) -> dict[str, str]:
-    film = config.conditioning == "film"
-    after_gru = {"dense_mid": "layer2.{}", "dense_out": "layer3.{}"} if film else {"dense_out": "layer2.{}"}
-    film_layers = {f"{name}": f"{name}s_predictor.linear_layer.{{}}" for name in ("gamma", "beta") if film}
-    gru = {f"gru/layer{i}": f"layer1.{{}}_l{i}" for i in range(config.layers)}
-    recurrent = {"dense_in": "layer0.{}", **gru, **after_gru, **film_layers}
-    return {
-        **{f"initialiser/dense{i}": f"cell_state_encoder.layer{i}.{{}}" for i in range(3)},
-        **{f"recurrent/{ours}": f"recurrent_decoder.{theirs}" for ours, theirs in recurrent.items()},
-    }
-
-
-def infer_config(arrays: Arrays, frame_time: float = 0.016667, labels: tuple[str, ...] = ()) -> ZeroEggsConfig:
-    """The sizes that the shapes of the release's arrays tell; `labels` only for a model without style encoder."""
+def infer_config(
+    arrays: Arrays, frame_time: float = 0.016667, labels: tuple[str, ...] = ()
+) -> ZeroEggsConfig:
+    """The sizes that the shapes of the release's arrays tell; `labels` only without a style encoder."""
 
     def shape(name: str, axes: int) -> tuple[int, ...]:
         if name not in arrays:
@@ -221,7 +167,9 @@ def infer_config(arrays: Arrays, frame_time: float = 0.016667, labels: tuple[str
     last = "encoder.convs.4.conv.bias" if attentive else "encoder.projection_layer.linear_layer.bias"
     (outputs,) = shape(f"style_encoder/{last}", 1)
     if outputs not in (style_size, 2 * style_size):
-        raise ValueError(f"style_encoder.pt gives {outputs} numbers, decoder.pt takes styles of {style_size}.")
+        raise ValueError(
+            f"style_encoder.pt gives {outputs} numbers, decoder.pt takes styles of {style_size}."
+        )
     kind = "attn" if attentive else "gru"
     style = StyleEncoderConfig(kind, style_hidden, style_size, variational=outputs == 2 * style_size)
     return ZeroEggsConfig(joints, frame_time, (), speech, style, decoder)
@@ -235,7 +183,9 @@ def read_scales(stats: Arrays, config: ZeroEggsConfig) -> Scales:
             raise ValueError(f"stats.npz has no array '{key}'.")
         array = np.asarray(stats[key], np.float32)
         if array.shape not in ((size,), ()):
-            raise ValueError(f"'{key}' in stats.npz has shape {array.shape}; the networks take {size} numbers.")
+            raise ValueError(
+                f"'{key}' in stats.npz has shape {array.shape}; the networks take {size} numbers."
+            )
         return np.broadcast_to(array, (size,)).copy()
 
     sizes = {
@@ -252,7 +202,7 @@ def _definition(data: Mapping[str, Any]) -> tuple[float, tuple[str, ...], tuple[
         return float(data["dt"]), names, parents, tuple(map(str, data["label_names"]))
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(
-            f"data_definition.json does not hold dt, bone_names, parents and label_names as expected ({error})."
+            f"data_definition.json lacks a valid dt, bone_names, parents or label_names ({error})."
         ) from error
 
 
@@ -261,7 +211,7 @@ def _check_pipeline(conf: Mapping[str, Any]) -> None:
     for key, expected in AUDIO.items():
         if key in given and given[key] != expected:
             raise ValueError(
-                f"data_pipeline_conf.json sets {key} to {given[key]!r}; our speech features follow {expected!r}."
+                f"data_pipeline_conf.json sets {key} to {given[key]!r}; our features follow {expected!r}."
             )
     if conf.get("audio_feature_type", ["mel_spec", "energy"]) != ["mel_spec", "energy"]:
         raise ValueError(

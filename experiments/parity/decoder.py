@@ -1,0 +1,130 @@
+"""Golden case `decoder`: the first step in detail, rollouts of 60 frames, and 16 frames out of one of 600."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from zeggs_jax.data.scale import Scales
+from zeggs_jax.motion.pose import Pose, Root
+from zeggs_jax.zeroeggs import decoder as d
+from zeggs_jax.zeroeggs.config import ZeroEggsConfig
+from zeggs_jax.zeroeggs.torch_weights import read_scales
+
+from .golden import Row, read_arrays, read_case, recipe
+from .networks import Arrays, parameters, rows, state_dict
+
+STAGE = "decoder"
+LONG = "v1_normal_long"
+
+
+def check(golden: Path, reference: Path | None) -> Iterator[Row]:
+    """Every file of the folder. Without `reference` (its statistics): the networks alone, for one step."""
+    folder = golden / STAGE
+    case = read_case(folder)
+    present = [file for file in case["files"] if (folder / file).exists()]
+    if not present:
+        raise ValueError(f"'{folder}' holds none of the files that its case.json describes.")
+    for file in present:
+        name, arrays = file.removesuffix(".npz"), read_arrays(folder / file)
+        spec = case["configs"]["v1_normal" if name == LONG else name]
+        config = ZeroEggsConfig(
+            frame_time=case["dt"],
+            decoder=d.DecoderConfig(spec["hidden_size"], spec["num_rnn_layers"], spec["rnn_cond"]),
+        )
+        state = state_dict(case, file, arrays, spec)
+        if reference is None:
+            if name != LONG:
+                yield from rows(STAGE, case, file, arrays, _networks_alone(arrays, state, config), part=True)
+            continue
+        scales = read_scales(read_arrays(reference / "v1" / "stats.npz"), config)
+        if name == LONG:
+            arrays["speech"] = _long_speech(case[LONG])
+        yield from rows(STAGE, case, file, arrays, _whole(arrays, state, config, scales))
+
+
+def _long_speech(about: dict[str, Any]) -> np.ndarray:
+    shape = (1, about["T"], 64)
+    return recipe("long.speech", shape, about["recipe_seed"], float(np.sqrt(np.prod(shape[1:]))))
+
+
+def _networks_alone(arrays: Arrays, state: Arrays, config: ZeroEggsConfig):
+    """Hidden state and first prediction from the stored, already scaled observations."""
+
+    def run(dtype: Any) -> dict[str, Any]:
+        network: Any = d.Decoder(config.decoder)
+        params = {"params": parameters(STAGE, state, config, dtype)}
+
+        def one(seen0, seen1, frames):
+            frame0, frame1 = (jax.tree.map(lambda a, t=t: a[t], frames) for t in range(2))
+            hidden = network.apply(params, seen0, frame0.style, method="begin")
+            return hidden, *network.apply(params, seen1, frame1, hidden, method="predict")
+
+        kind = "__f64" if dtype is np.float64 else ""
+        seen = (jnp.asarray(arrays[f"step_pose{t}{kind}"], dtype) for t in range(2))
+        hidden0, predicted, hidden1 = jax.vmap(one)(*seen, _frames(arrays, dtype))
+        return {
+            "step_hidden0": hidden0.swapaxes(0, 1),
+            "step_predicted": predicted,
+            "step_hidden1": hidden1.swapaxes(0, 1),
+        }
+
+    return run
+
+
+def _whole(arrays: Arrays, state: Arrays, config: ZeroEggsConfig, scales: Scales):
+    """Observation, hidden state, prediction of the first step, and the rollout."""
+
+    def run(dtype: Any) -> dict[str, Any]:
+        params = parameters(STAGE, state, config, dtype)
+        own = jax.tree.map(lambda a: jnp.asarray(a, dtype), scales)
+
+        @jax.vmap
+        def one(first: Pose, frames: d.Frame):
+            frame0, frame1 = (jax.tree.map(lambda a, t=t: a[t], frames) for t in range(2))
+            begun = d.begin(params, config.decoder, own, first, frame0)
+            seen = [d.observe(first, frame.target, own.pose_in) for frame in (frame0, frame1)]
+            predicted, hidden = d.predict(params, config.decoder, seen[1], frame1, begun.hidden)
+            poses = d.rollout(params, config.decoder, own, first, frames, config.frame_time)
+            return seen, begun.hidden, predicted, hidden, poses
+
+        seen, hidden0, predicted, hidden1, poses = one(_first(arrays, dtype), _frames(arrays, dtype))
+        ours = {
+            "step_pose0": seen[0],
+            "step_hidden0": hidden0.swapaxes(0, 1),
+            "step_pose1": seen[1],
+            "step_predicted": predicted,
+            "step_hidden1": hidden1.swapaxes(0, 1),
+        }
+        kept = arrays.get("frames", slice(None))
+        return ours | {f"out_{name}": value[:, kept] for name, value in _released(poses).items()}
+
+    return run
+
+
+def _first(arrays: Arrays, dtype: Any) -> Pose:
+    part = {
+        key.removeprefix("in_"): jnp.asarray(value, dtype)
+        for key, value in arrays.items()
+        if key[:3] == "in_"
+    }
+    root = Root(part.pop("root_pos"), part.pop("root_rot"))
+    return Pose(root, *(part[name] for name in ("root_vel", "root_vrt", "lpos", "ltxy", "lvel", "lvrt")))
+
+
+def _frames(arrays: Arrays, dtype: Any) -> d.Frame:
+    """Speech, style and target of every frame; in the long rollout the last two are one row for all."""
+    count = arrays["speech"].shape[1]
+    parts = [arrays[key] for key in ("speech", "style", "gaze_pos")]
+    full = [np.broadcast_to(a, (a.shape[0], count, a.shape[2])) if a.shape[1] == 1 else a for a in parts]
+    return d.Frame(*(jnp.asarray(a, dtype) for a in full))
+
+
+def _released(poses: Pose) -> dict[str, Any]:
+    """The arrays of a Pose under the release's names."""
+    root, *rest = poses
+    names = ("root_pos", "root_rot", "root_vel", "root_vrt", "lpos", "ltxy", "lvel", "lvrt")
+    return dict(zip(names, (*root, *rest), strict=True))

@@ -1,0 +1,85 @@
+"""Golden case `style_encoder`: both kinds, with and without VAE, inner layers, temperature, positions."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from zeggs_jax.nn.attention import positions
+from zeggs_jax.zeroeggs.config import ZeroEggsConfig
+from zeggs_jax.zeroeggs.style_encoder import StyleEncoder, StyleEncoderConfig, reparameterise
+
+from .golden import Row, max_error, read_arrays, read_case, recipe
+from .networks import Arrays, parameters, rows, state_dict
+
+STAGE = "style_encoder"
+
+
+def check(golden: Path, reference: Path | None) -> Iterator[Row]:
+    """Every file of the folder."""
+    folder = golden / STAGE
+    case = read_case(folder)
+    present = [file for file in case["files"] if (folder / file).exists()]
+    if not present:
+        raise ValueError(f"'{folder}' holds none of the files that its case.json describes.")
+    for file in present:
+        arrays = read_arrays(folder / file)
+        if file == "positional.npz":
+            yield from _positions(arrays)
+            continue
+        spec = case["configs"][file.removesuffix(".npz")]
+        state = state_dict(case, file, arrays, spec)
+        tolerance = (
+            1e-6 if spec["type"] == "attn" else 1e-9
+        )  # the reference's positions are float32 in both runs
+        run = lambda dtype, a=arrays, c=spec, s=state: _run(c, s, a, dtype)  # noqa: E731
+        yield from rows(STAGE, case, file, arrays, run, tolerance)
+
+
+def _positions(arrays: Arrays) -> Iterator[Row]:
+    """The table is float32 arithmetic: an angle near p is off by p * 2^-23, and so is its sine."""
+    rows_kept = arrays["rows"]
+    rounding = rows_kept[:, None] * 2.0**-23 + 1e-6
+    for width in (64, 16):
+        ours = positions(int(rows_kept.max()) + 1, width)[rows_kept]
+        off = (ours - arrays[f"pos_{width}"]) / rounding
+        yield Row(STAGE, f"positional/pos_{width}, in roundings", max_error(off, np.zeros_like(off)), 1.0)
+
+
+def _run(spec: dict[str, Any], state: Arrays, arrays: Arrays, dtype: Any) -> dict[str, Any]:
+    style = StyleEncoderConfig(
+        spec["type"], spec["hidden_size"], spec["style_embedding_size"], spec["use_vae"]
+    )
+    params = parameters(STAGE, state, ZeroEggsConfig(style=style), dtype)
+
+    def one(x):
+        return StyleEncoder(style).apply({"params": params}, x, x.shape[0], capture_intermediates=True)
+
+    ours = {}
+    for frames in sorted(
+        {int(key.split("_")[1]) for key in arrays if key.startswith("style_") and key[6:].isdigit()}
+    ):
+        distribution, kept = jax.vmap(one)(jnp.asarray(_example(spec, arrays, frames), dtype))
+        noise = jnp.asarray(arrays.get(f"eps_{frames}", np.zeros(distribution.mean.shape)), dtype)
+        ours[f"style_{frames}"] = reparameterise(distribution, noise)
+        ours[f"style_{frames}_temp0.5"] = reparameterise(
+            distribution, noise, 1 / 0.5
+        )  # the release divides by it
+        ours[f"mu_{frames}"], ours[f"logvar_{frames}"] = distribution
+        if spec["type"] == "attn":
+            inner = kept["intermediates"]["encoder"]
+            ours[f"convs_{frames}"] = inner["norm1"]["__call__"][0]
+            ours[f"attention_{frames}"] = inner["block"]["attention_norm"]["__call__"][0]
+            ours[f"block_{frames}"] = inner["block"]["__call__"][0]
+    return {key: value for key, value in ours.items() if key in arrays}
+
+
+def _example(spec: dict[str, Any], arrays: Arrays, frames: int) -> np.ndarray:
+    if "input" not in spec:
+        return arrays[f"x_{frames}"]
+    shape = (1, 300, spec["input_size"])
+    gain = float(np.sqrt(np.prod(shape[1:])))
+    return recipe("style_input.x", shape, spec["input"]["recipe_seed"], gain)[:, :frames]
