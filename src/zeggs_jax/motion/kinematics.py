@@ -1,8 +1,9 @@
 """Joint-local values to world: positions, rotations, velocities, angular velocities, level by level.
 
-Written for one frame; `vmap` over frames and clips. Rotations are multiplied entry by entry with the joints
-on the last axis: that runs fast inside the training loss, and needs no 3x3 matrix product or scatter (the
-two together crashed jaxlib 0.10.2's CPU compiler under grad of vmap of vmap).
+All quantities of all joints are one array [3, 6, J, ...] inside: component, quantity (position, velocity,
+angular velocity, three axes), joint, frames if there are any. A level of the hierarchy then costs one gather
+and one sum of three products: it compiles fast, is fast inside the training loss, and needs no 3x3 matrix
+product or scatter (the two together crashed jaxlib 0.10.2's CPU compiler under grad of vmap of vmap).
 """
 
 import itertools
@@ -18,70 +19,53 @@ from zeggs_jax.geometry import quaternion, rotation
 from zeggs_jax.motion.pose import Pose
 from zeggs_jax.motion.skeleton import levels
 
+POS, VEL, ANG, AXES = 0, 1, 2, slice(3, 6)  # the six quantities, along the second axis
+
 
 class World(NamedTuple):
-    """Joints of one frame in world (`place_root`: joint 0 in world, the rest relative to their parents)."""
+    """Joints of one frame in world, or each relative to its parent; clips carry a leading frame axis."""
 
-    pos: Float[Array, "J 3"]  # cm
-    mat: Float[Array, "J 3 3"]  # columns are the joint's axes
-    vel: Float[Array, "J 3"]  # cm/s
-    ang: Float[Array, "J 3"]  # rad/s
+    pos: Float[Array, "*T J 3"]  # cm
+    mat: Float[Array, "*T J 3 3"]  # columns are the joint's axes
+    vel: Float[Array, "*T J 3"]  # cm/s
+    ang: Float[Array, "*T J 3"]  # rad/s
 
 
-def place_root(pose: Pose, vel_frame: Float[ArrayLike, "4"] | None = None) -> World:
-    """Joint 0 moved from the root's frame to world, the others as they are (ZeroEGGS Sec. 3.4).
+class Placed(NamedTuple):
+    """The bodies of T frames as [component, quantity, joint, frame], in cm, cm/s, rad/s and unit axes."""
+
+    root: Float[Array, "3 6 T"]  # the character's root in world
+    local: Float[Array, "3 6 J T"]  # joint 0 in world, the others relative to their parents
+    world: Float[Array, "3 6 J T"]
+
+
+def place(pose: Pose, parents: tuple[int, ...]) -> Placed:
+    """Root and joints of T frames in world, frames last, as the training loss compares them (ZeroEGGS Sec. 3.4).
+
+    Root velocities turn with the previous frame's root, as the features define them; those of the first
+    frame with its own, as released.
+    """
+    turn = jnp.asarray(pose.root.rot)
+    joints = _pack_pose(pose, jnp.concatenate([turn[:1], turn[:-1]]))
+    world = _chain(joints, _below_root(parents))
+    local = jnp.concatenate([world[:, :, 1:2], joints[:, :, 2:]], axis=2)
+    return Placed(world[:, :, 0], local, world[:, :, 1:])
+
+
+def forward(pose: Pose, parents: tuple[int, ...], vel_frame: Float[ArrayLike, "4"] | None = None) -> World:
+    """World positions, rotations and velocities of the joints of one pose.
 
     `vel_frame` is the rotation in whose frame `root_vel` and `root_ang` are given: the previous frame's root
     rotation, as the features define them. None takes the pose's own, as released for a window's first frame.
     """
-    turn = pose.root.rot
-    frame = turn if vel_frame is None else jnp.asarray(vel_frame)
-    root_vel, root_ang = quaternion.rotate(frame, pose.root_vel), quaternion.rotate(frame, pose.root_ang)
-    arm = quaternion.rotate(turn, pose.joint_pos[0])
-    mat = rotation.axes_to_matrix(pose.joint_axes)
-    vel = root_vel + quaternion.rotate(turn, pose.joint_vel[0]) + jnp.cross(root_ang, arm)
-    ang = root_ang + quaternion.rotate(turn, pose.joint_ang[0])
-    mat_0 = _product(quaternion.to_matrix(turn)[..., None], mat[0][..., None])[..., 0]
-
-    def with_first(first: Array, rest: Array) -> Array:
-        return jnp.concatenate([first[None], rest[1:]])
-
-    return World(
-        with_first(pose.root.pos + arm, pose.joint_pos),
-        with_first(mat_0, mat),
-        with_first(vel, pose.joint_vel),
-        with_first(ang, pose.joint_ang),
-    )
+    frame = pose.root.rot if vel_frame is None else jnp.asarray(vel_frame)
+    world = _chain(_pack_pose(pose, frame), _below_root(parents))
+    return _unpack(world[:, :, 1:])
 
 
 def chain(local: World, parents: tuple[int, ...]) -> World:
     """World values of all joints, from joint 0 in world and the others relative to their parents."""
-    pos, vel, ang = (x.T for x in (local.pos, local.vel, local.ang))
-    mat = jnp.moveaxis(local.mat, 0, -1)
-    depth_levels = levels(parents)
-    first = np.asarray(depth_levels[0])
-    done = [(pos[:, first], mat[..., first], vel[:, first], ang[:, first])]
-    for above, level in itertools.pairwise(depth_levels):
-        joints = np.asarray(level)
-        parent = np.asarray([above.index(parents[joint]) for joint in level])
-        p_pos, p_mat, p_vel, p_ang = (x[..., parent] for x in done[-1])
-        arm = _turn(p_mat, pos[:, joints])
-        done.append(
-            (
-                p_pos + arm,
-                _product(p_mat, mat[..., joints]),
-                p_vel + _turn(p_mat, vel[:, joints]) + _cross(p_ang, arm),
-                p_ang + _turn(p_mat, ang[:, joints]),
-            )
-        )
-    order = np.argsort(np.concatenate([np.asarray(level) for level in depth_levels]))
-    pos, mat, vel, ang = (jnp.concatenate(parts, axis=-1)[..., order] for parts in zip(*done, strict=True))
-    return World(pos.T, jnp.moveaxis(mat, -1, 0), vel.T, ang.T)
-
-
-def forward(pose: Pose, parents: tuple[int, ...], vel_frame: Float[ArrayLike, "4"] | None = None) -> World:
-    """World positions, rotations and velocities of one pose's joints; see `place_root` for `vel_frame`."""
-    return chain(place_root(pose, vel_frame), parents)
+    return _unpack(_chain(_pack(local), parents))
 
 
 def forward_positions(
@@ -93,16 +77,59 @@ def forward_positions(
     return chain(World(local_pos, quaternion.to_matrix(local_rot), still, still), parents).pos
 
 
-def _turn(mat: Float[Array, "3 3 n"], v: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
-    """Matrix times vector, joints last."""
-    return mat[:, 0] * v[0] + mat[:, 1] * v[1] + mat[:, 2] * v[2]
+def _chain(joints: Float[Array, "3 6 n *T"], parents: tuple[int, ...]) -> Float[Array, "3 6 n *T"]:
+    """Every joint carried by its parent, from the first one outwards."""
+    depth_levels = levels(parents)
+    done = [joints[:, :, np.asarray(depth_levels[0])]]
+    for above, level in itertools.pairwise(depth_levels):
+        parent = done[-1][:, :, np.asarray([above.index(parents[joint]) for joint in level])]
+        done.append(_carry(parent, joints[:, :, np.asarray(level)]))
+    order = np.argsort(np.concatenate([np.asarray(level) for level in depth_levels]))
+    return jnp.concatenate(done, axis=2)[:, :, order]
 
 
-def _product(a: Float[Array, "3 3 n"], b: Float[Array, "3 3 n"]) -> Float[Array, "3 3 n"]:
-    """Matrix times matrix, joints last."""
-    return a[:, 0, None] * b[None, 0] + a[:, 1, None] * b[None, 1] + a[:, 2, None] * b[None, 2]
+def _carry(parent: Float[Array, "3 6 n *T"], child: Float[Array, "3 6 n *T"]) -> Float[Array, "3 6 n *T"]:
+    """Children in world from parents in world; a moving parent adds its velocity and its spin times the arm."""
+    axes = parent[:, AXES]
+    turned = axes[:, 0, None] * child[0] + axes[:, 1, None] * child[1] + axes[:, 2, None] * child[2]
+    spin, arm = parent[:, ANG], turned[:, POS]
+    swing = jnp.stack(
+        [
+            spin[1] * arm[2] - spin[2] * arm[1],
+            spin[2] * arm[0] - spin[0] * arm[2],
+            spin[0] * arm[1] - spin[1] * arm[0],
+        ]
+    )
+    moved = [parent[:, POS] + arm, parent[:, VEL] + turned[:, VEL] + swing, spin + turned[:, ANG]]
+    return jnp.concatenate([*(x[:, None] for x in moved), turned[:, AXES]], axis=1)
 
 
-def _cross(a: Float[Array, "3 n"], b: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
-    """Cross product, joints last."""
-    return jnp.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+def _pack_pose(pose: Pose, vel_frame: Float[ArrayLike, "*T 4"]) -> Float[Array, "3 6 n *T"]:
+    """The root in world, then the joints relative to their parents, those of joint 0 to the root."""
+    vel, ang = (quaternion.rotate(vel_frame, v) for v in (pose.root_vel, pose.root_ang))
+    root = (pose.root.pos, quaternion.to_matrix(pose.root.rot), vel, ang)
+    joints = (pose.joint_pos, rotation.axes_to_matrix(pose.joint_axes), pose.joint_vel, pose.joint_ang)
+    axis = vel.ndim - 1
+    with_root = (
+        jnp.concatenate([jnp.expand_dims(r, axis), j], axis) for r, j in zip(root, joints, strict=True)
+    )
+    return _pack(World(*with_root))
+
+
+def _pack(world: World) -> Float[Array, "3 6 n *T"]:
+    """Quantities [*T, J, ...] as one array with the joints and the frames last."""
+    columns = jnp.stack([world.pos, world.vel, world.ang], axis=-1)
+    packed = jnp.concatenate([columns, world.mat], axis=-1)
+    frames = packed.ndim - 3
+    return jnp.transpose(packed, (frames + 1, frames + 2, frames, *range(frames)))
+
+
+def _unpack(packed: Float[Array, "3 6 J"]) -> World:
+    """One frame's joints."""
+    pos, vel, ang = packed[:, POS].T, packed[:, VEL].T, packed[:, ANG].T
+    return World(pos, jnp.moveaxis(packed[:, AXES], -1, 0), vel, ang)
+
+
+def _below_root(parents: tuple[int, ...]) -> tuple[int, ...]:
+    """The hierarchy with the character's root above joint 0."""
+    return (-1, *(parent + 1 for parent in parents))
