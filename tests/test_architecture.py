@@ -26,7 +26,8 @@ ARROWS = {
 }
 
 TOUCH_DISK = {
-    "cli.py", "speech/wav.py", "motion/bvh.py", "data/corpus.py", "data/prepare.py", "data/windows.py",
+    "cli.py", "speech/wav.py", "motion/bvh.py", "data/corpus.py", "data/prepare.py", "data/prepared.py",
+    "data/windows.py",
     "training/checkpoint.py", "training/loop.py", "synthetic/corpus.py", "stage/player.py", "stage/figures.py",
     "zeroeggs/generate.py", "zeroeggs/train.py", "zeroeggs/batch.py", "zeroeggs/examples.py",
     "zeroeggs/checkpoints.py", "zeroeggs/release_files.py",

@@ -89,7 +89,8 @@ def broken(folder, case):
     ("case", "words"),
     [("no pairs", "no pairs"), ("no wav", r"b\.wav"), ("no bvh", r"b\.bvh"),
      ("no column", "no column 'style'"), ("split", "train or valid"), ("listed", r"b\.bvh.*does not exist"),
-     ("twice", "more than once"), ("short line", "Line 2"), ("binary", "CSV"), ("empty table", "no pairs"), ("time", "HH:MM:SS:FF"),
+     ("twice", "more than once"), ("short line", "Line 2"), ("binary", "CSV"),
+     ("empty table", "no pairs"), ("time", "HH:MM:SS:FF"),
      ("clock", "mm:ss"), ("acts after its end", "outside its recording")],
 )  # fmt: skip
 def test_what_does_not_fit_is_named_in_one_sentence(tmp_path, case, words):

@@ -1,0 +1,157 @@
+"""Windows and style examples: inside their clip, around their window, the same for the same (seed, k)."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from zeggs_jax.data.prepare import Prepared
+from zeggs_jax.data.windows import WindowConfig, batch, example_rows, released_example_rows, window_count
+from zeggs_jax.motion.pose import to_vector
+
+SMALL = WindowConfig(batch=16, window=24, example=(24, 48))
+
+
+@st.composite
+def windows(draw):
+    start = draw(st.integers(0, 300))
+    frames = draw(st.integers(1, 200))
+    size = draw(st.integers(1, frames))
+    first = draw(st.integers(start, start + frames - size))
+    return (first, first + size), (start, start + frames), 2 * draw(st.integers((size + 1) // 2, 300))
+
+
+@given(windows())
+def test_an_example_holds_its_window_and_stays_in_its_clip(case):
+    window, clip, length = case
+    rows = example_rows(window, clip, length)
+    assert len(rows) == min(length, clip[1] - clip[0])
+    assert clip[0] <= rows[0] <= window[0]
+    assert window[1] - 1 <= rows[-1] < clip[1]
+    np.testing.assert_array_equal(np.diff(rows), 1)
+
+
+@given(windows())
+def test_in_the_middle_of_a_long_clip_ours_is_the_released_one(case):
+    window, _, length = case
+    inside = (window[0] - length, window[1] + length)
+    expected = released_example_rows(window, inside, inside[1], length)
+    if (window[1] - window[0]) % 2 == 0:
+        np.testing.assert_array_equal(example_rows(window, inside, length), expected)
+    assert abs(len(expected) - length) <= 1
+
+
+def test_the_released_example_reaches_into_the_next_clip():
+    rows = released_example_rows((128, 160), (0, 160), 400, 100)
+    assert (rows[0], rows[-1]) == (61, 160)
+
+
+def test_the_released_example_repeats_its_tail():
+    rows = released_example_rows((0, 32), (0, 81), 402, 128)
+    np.testing.assert_array_equal(rows, [*range(82), *range(36, 82)])
+
+
+def test_windows_of_a_clip():
+    ranges = np.array([[0, 10], [10, 14], [14, 17]], np.int32)
+    assert window_count(ranges, 4).tolist() == [7, 1, 0]
+    assert window_count(ranges, 4, as_released=True).tolist() == [6, 0, 0]
+
+
+def test_a_batch_is_a_function_of_seed_and_number(prepared: Prepared):
+    first, again, other, seed = (batch(prepared, s, k, SMALL) for s, k in ((3, 7), (3, 7), (3, 8), (4, 7)))
+    jax.tree.map(np.testing.assert_array_equal, first, again)
+    for different in (other, seed):
+        assert not np.array_equal(first.speech, different.speech)
+
+
+def test_shapes_depend_on_the_config_alone(prepared: Prepared):
+    shapes = {str(jax.tree.map(np.shape, batch(prepared, 0, k, SMALL))) for k in range(5)}
+    assert len(shapes) == 1
+    one = batch(prepared, 0, 0, SMALL)
+    assert one.speech.shape == (16, 24, 81)
+    assert one.poses.joint_axes.shape == (16, 24, 8, 2, 3)
+    assert one.example.shape == (16, 48, 126)
+    assert all(leaf.dtype in (np.float32, np.int32) for leaf in jax.tree.leaves(one))
+
+
+@pytest.mark.parametrize("split", ["train", "valid"])
+def test_windows_are_frames_of_one_clip_with_its_label_and_example(prepared: Prepared, split):
+    rows = {row.tobytes(): i for i, row in enumerate(np.asarray(prepared.pose))}
+    for k in range(4):
+        b = batch(prepared, 1, k, SMALL, split)
+        vectors = np.asarray(to_vector(b.poses))
+        for i in range(SMALL.batch):
+            window = [rows[row.tobytes()] for row in vectors[i]]
+            np.testing.assert_array_equal(np.diff(window), 1)
+            clip = next(c for c, (s, e) in enumerate(prepared.ranges) if s <= window[0] and window[-1] < e)
+            assert prepared.splits[clip] == split
+            assert prepared.labels[clip] == b.label[i]
+            np.testing.assert_array_equal(b.gaze[i], prepared.gaze[clip])
+            np.testing.assert_array_equal(b.speech[i], prepared.speech[window])
+            np.testing.assert_array_equal(b.poses.root.rot[i], prepared.root_rot[window])
+            example = [rows[row.tobytes()] for row in b.example[i, : b.example_length[i]]]
+            assert set(window) <= set(example)
+            assert prepared.ranges[clip, 0] <= example[0]
+            assert example[-1] < prepared.ranges[clip, 1]
+            np.testing.assert_array_equal(b.example[i, b.example_length[i] :], 0)
+
+
+def test_every_window_and_length_is_drawn(prepared: Prepared):
+    """Short clips count by their windows; lengths are even, shorter only where the clip is."""
+    lengths, labels = [], []
+    for k in range(60):
+        b = batch(prepared, 0, k, SMALL)
+        lengths += b.example_length.tolist()
+        labels += b.label.tolist()
+    assert set(lengths) >= set(range(24, 49, 2))
+    share = window_count(prepared.ranges[[0, 1, 2, 3, 5]], 24)
+    expected = np.array([share[0], share[1:4].sum(), share[4]]) / share.sum()
+    np.testing.assert_allclose(np.bincount(labels) / len(labels), expected, atol=0.05)
+
+
+def test_as_released_one_length_for_all_and_the_shortest_first(prepared: Prepared):
+    config = WindowConfig(batch=8, window=20, example=(20, 24), as_released=True)
+    assert batch(prepared, 0, 0, config).example_length.tolist() == [20] * 8
+    for k in range(1, 5):
+        lengths = batch(prepared, 0, k, config).example_length
+        assert len(set(lengths.tolist())) == 1
+
+
+def test_no_window_fits(prepared: Prepared):
+    with pytest.raises(ValueError, match=r"window of 100 frames, the longest has 70"):
+        batch(prepared, 0, 0, WindowConfig(batch=2, window=100, example=(100, 200)))
+    with pytest.raises(ValueError, match="No test clip"):
+        batch(prepared, 0, 0, SMALL, "test")
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"window": 300}, {"example": (255, 512)}, {"example": (512, 256)}, {"batch": 0}]
+)
+def test_a_config_that_does_not_fit_is_refused(wrong):
+    with pytest.raises(ValueError, match="do not fit"):
+        WindowConfig(**wrong)
+
+
+def test_a_clip_shorter_than_the_longest_example_is_padded(prepared: Prepared):
+    """Paper sizes on one clip of 300 frames."""
+    frames, width = 300, 6 + 15 * 75
+    random = np.random.default_rng(0)
+    short = replace(
+        prepared,
+        names=("short",),
+        splits=("train",),
+        labels=np.zeros(1, np.int32),
+        gaze=np.zeros((1, 3), np.float32),
+        ranges=np.array([[0, frames]], np.int32),
+        speech=random.normal(size=(frames, 81)).astype(np.float32),
+        pose=random.normal(size=(frames, width)).astype(np.float32),
+        root_pos=np.zeros((frames, 3), np.float32),
+        root_rot=np.zeros((frames, 4), np.float32),
+    )
+    b = batch(short, 0, 0)
+    assert b.example.shape == (32, 512, width)
+    assert b.example_length.max() == 300
+    assert (b.example_length >= 256).all()
