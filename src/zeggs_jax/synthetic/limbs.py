@@ -24,7 +24,9 @@ def _across(v: Float[Array, "*b 3"], along: Float[Array, "*b 3"]) -> Float[Array
     return quaternion.normalize(v - jnp.sum(v * along, axis=-1, keepdims=True) * along, eps=1e-9)
 
 
-def _columns(x: Float[Array, "*b 3"], y: Float[Array, "*b 3"], z: Float[Array, "*b 3"]) -> Float[Array, "*b 4"]:
+def _columns(
+    x: Float[Array, "*b 3"], y: Float[Array, "*b 3"], z: Float[Array, "*b 3"]
+) -> Float[Array, "*b 4"]:
     return quaternion.from_matrix(jnp.stack([x, y, z], axis=-1))
 
 
@@ -73,7 +75,10 @@ def arm(
 
 
 def leg(
-    start: Float[Array, "*b 3"], end: Float[Array, "*b 3"], pole: Float[Array, "*b 3"], lengths: tuple[float, float]
+    start: Float[Array, "*b 3"],
+    end: Float[Array, "*b 3"],
+    pole: Float[Array, "*b 3"],
+    lengths: tuple[float, float],
 ) -> Limb:
     """A leg from the hip `start` to the ankle `end` (world, cm), its knee on the side of `pole`; bones rest along -Y."""
     knee, ankle, bent = _middle(start, end, pole, lengths, SOFT_LEG)

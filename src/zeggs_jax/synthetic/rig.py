@@ -28,12 +28,13 @@ class Tracks(NamedTuple):
     spine: Float[np.ndarray, "T 3"]  # the same three, summed over the spine joints
     neck: Float[np.ndarray, "T 3"]  # and over neck and head
     clavicle: Float[np.ndarray, "T 2 2"]  # lifted, brought forward
-    hand: Float[np.ndarray, "T 2 3"]  # wrist from the shoulder joint: outward, up, forward, turned with the chest
+    hand: Float[
+        np.ndarray, "T 2 3"
+    ]  # wrist from the shoulder joint: outward, up, forward, turned with the chest
     palm: Float[np.ndarray, "T 2"]  # 0 palms inward, positive turns them up
     wrist: Float[np.ndarray, "T 2"]  # flexion
     curl: Float[np.ndarray, "T 2"]  # bend of each finger joint
     spread: Float[np.ndarray, "T 2"]  # fingers apart
-
 
 
 @cache
@@ -89,7 +90,9 @@ def _arm(
     """Clavicle, upper arm, forearm and hand of one side: the wrist goes where its track says."""
     name, side = SIDES[k]
     lift, forward = tracks.clavicle[:, k, 0], tracks.clavicle[:, k, 1]
-    clavicle = _on_side(quaternion.multiply(_about(1, -jnp.asarray(forward)), _about(2, jnp.asarray(lift))), side)
+    clavicle = _on_side(
+        quaternion.multiply(_about(1, -jnp.asarray(forward)), _about(2, jnp.asarray(lift))), side
+    )
     shoulder = quaternion.multiply(chest, clavicle)
     start = origin + quaternion.rotate(chest, _offset(f"{name}Shoulder", chest))
     start = start + quaternion.rotate(shoulder, _offset(f"{name}Arm", chest))
@@ -115,7 +118,12 @@ def _fingers(tracks: Tracks, k: int) -> dict[str, Float[Array, "T 4"]]:
     name, side = SIDES[k]
     curl, spread = jnp.asarray(tracks.curl[:, k]), jnp.asarray(tracks.spread[:, k])
     local = {}
-    for finger, away, more in (("Index", -1.0, 0.85), ("Middle", -0.2, 0.95), ("Ring", 0.6, 1.05), ("Pinky", 1.3, 1.1)):
+    for finger, away, more in (
+        ("Index", -1.0, 0.85),
+        ("Middle", -0.2, 0.95),
+        ("Ring", 0.6, 1.05),
+        ("Pinky", 1.3, 1.1),
+    ):
         for number, share in ((1, 0.8), (2, 1.2), (3, 0.8)):
             bend = _about(2, -share * more * curl)
             sideways = _about(1, away * spread) if number == 1 else _about(1, jnp.zeros_like(spread))
@@ -132,7 +140,12 @@ def _leg(k: int, pelvis: Float[Array, "T 4"], hips: Float[Array, "T 3"]) -> dict
     start = hips + quaternion.rotate(pelvis, _offset(f"{name}UpLeg", pelvis))
     ankle = jnp.array([side * STANCE, body.ANKLE, 0.0], pelvis.dtype)[None, :]
     pole = jnp.array([side * 0.22, 0.0, 1.0], pelvis.dtype)[None, :]
-    limb = limbs.leg(start, jnp.broadcast_to(ankle, start.shape), jnp.broadcast_to(pole, start.shape), (body.THIGH, body.SHIN))
+    limb = limbs.leg(
+        start,
+        jnp.broadcast_to(ankle, start.shape),
+        jnp.broadcast_to(pole, start.shape),
+        (body.THIGH, body.SHIN),
+    )
     flat = _about(1, jnp.full(start.shape[:1], side * TOES_OUT, pelvis.dtype))
     return {
         f"{name}UpLeg": quaternion.multiply(quaternion.inverse(pelvis), limb.upper),
@@ -160,9 +173,13 @@ def pose(tracks: Tracks, frame_time: float) -> bvh.Clip:
     frames = len(tracks.hips)
     padding = -frames % _BLOCK
     with jax.enable_x64(True):
-        padded = Tracks(*(np.concatenate([t, np.repeat(t[-1:], padding, axis=0)]).astype(np.float64) for t in tracks))
+        padded = Tracks(
+            *(np.concatenate([t, np.repeat(t[-1:], padding, axis=0)]).astype(np.float64) for t in tracks)
+        )
         blocks = [_solve(Tracks(*(t[k : k + _BLOCK] for t in padded))) for k in range(0, frames, _BLOCK)]
-        euler, hips = (np.concatenate([np.asarray(part) for part in parts]) for parts in zip(*blocks, strict=True))
+        euler, hips = (
+            np.concatenate([np.asarray(part) for part in parts]) for parts in zip(*blocks, strict=True)
+        )
     skeleton = body.rest_skeleton()
     positions = np.repeat(skeleton.offsets[None].astype(np.float64), frames, axis=0)
     positions[:, 0] = hips[:frames]

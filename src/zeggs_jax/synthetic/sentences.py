@@ -2,28 +2,35 @@
 
 import numpy as np
 
+
+def _words(text: str) -> list[str]:
+    return text.split()
+
+
 WEAK = frozenset(
-    "a an the of to in on at by for with and or but as is was are were be it he she we they you i his her our their "
-    "this that my your from so if than then not have had will would can could there into some all".split()
+    _words(
+        "a an the of to in on at by for with and or but as is was are were be it he she we they you i his her our their "
+        "this that my your from so if than then not have had will would can could there into some all"
+    )
 )
-PEOPLE = (
+PEOPLE = _words(
     "baker farmer doctor sailor teacher painter neighbour captain sister brother gardener singer driver builder "
-    "student stranger lawyer hunter shepherd writer".split()
+    "student stranger lawyer hunter shepherd writer"
 )
-THINGS = (
+THINGS = _words(
     "garden river window kettle letter mountain market engine bottle carpet ladder village table paper basket "
     "number candle hammer bridge station feather blanket island harbour piano butter yellow coat summer winter "
-    "road boat lamp clock stone door tree house field cloud train bread storm light table".split()
+    "road boat lamp clock stone door tree house field cloud train bread storm light table"
 )
-QUALITIES = (
+QUALITIES = _words(
     "little heavy golden quiet narrow clever silver broken simple gentle bitter modern famous hollow lucky "
-    "wooden bright cold deep strange warm sharp wide old young green slow tall".split()
+    "wooden bright cold deep strange warm sharp wide old young green slow tall"
 )
-DEEDS = (
+DEEDS = _words(
     "carried followed painted opened borrowed covered answered gathered lifted remembered measured promised "
-    "found kept sold moved built watched held dropped cleaned turned".split()
+    "found kept sold moved built watched held dropped cleaned turned"
 )
-MANNERS = "slowly quickly never always really quietly often again together nearly gladly early".split()
+MANNERS = _words("slowly quickly never always really quietly often again together nearly gladly early")
 PLACES = ("in", "on", "near", "behind", "under", "beside", "across", "over")
 OPENERS = (
     "well", "now look", "listen", "of course", "you know", "and then", "in the morning", "years ago",

@@ -51,7 +51,9 @@ def stance(style: StyleFactors) -> Stance:
     hanging = np.array([5.0, -51.5, 5.0, 0.15, 0.6 * curl + 0.15])
     share = np.array([max(up, front), up, max(up, front), max(up, 0.7 * front), up])
     rest = hanging + 0.9 * share * (centre - hanging)
-    centre = rest + min(style.amplitude / 12.0, 1.0) * (centre - rest)  # who hardly gestures hardly leaves the rest
+    centre = rest + min(style.amplitude / 12.0, 1.0) * (
+        centre - rest
+    )  # who hardly gestures hardly leaves the rest
     return Stance(np.repeat(rest[None], 2, axis=0), np.repeat(centre[None], 2, axis=0))
 
 
@@ -66,10 +68,14 @@ def select(prosody: Prosody, style: StyleFactors) -> tuple[Float[np.ndarray, " K
     return prosody.time[kept], prosody.strength[kept]
 
 
-def _goals(style: StyleFactors, home: Stance, strength: float, inward: bool, leader: int) -> tuple[np.ndarray, np.ndarray]:
+def _goals(
+    style: StyleFactors, home: Stance, strength: float, inward: bool, leader: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Goals of the preparation (raised) and the stroke (down and, every other time, outward) around the centre."""
     size = style.amplitude * strength
-    hands = np.array([1.0 - style.asymmetry, 1.0]) * (1.0 + np.array([0.12, -0.12]) * (1 if leader == 0 else -1))
+    hands = np.array([1.0 - style.asymmetry, 1.0]) * (
+        1.0 + np.array([0.12, -0.12]) * (1 if leader == 0 else -1)
+    )
     raised = np.array([-0.15, 0.45, -0.15, 0.0, 0.0]) * size
     struck = np.array([-0.15 if inward else 0.55, -0.42, 0.25, 0.0, 0.0]) * size
     struck[3:] = 0.55 * style.openness * strength, -0.25 * home.centre[0, 4] * strength
@@ -100,8 +106,15 @@ def schedule(prosody: Prosody, style: StyleFactors) -> list[Phase]:
         rested = not phases or phases[-1].kind == "retraction"
         raised, struck = _goals(style, home, strength, inward, leader)
         begin = when - lead
-        onset = float(prosody.phrases[prosody.phrases[:, 0] <= when, 0].max(initial=-9.0)) - 0.12 if rested else -9.0
-        ready = min(max(begin - max(free, onset), 0.0 if rested else 0.12), (0.42 if rested else 0.3) / np.sqrt(style.tempo))
+        onset = (
+            float(prosody.phrases[prosody.phrases[:, 0] <= when, 0].max(initial=-9.0)) - 0.12
+            if rested
+            else -9.0
+        )
+        ready = min(
+            max(begin - max(free, onset), 0.0 if rested else 0.12),
+            (0.42 if rested else 0.3) / np.sqrt(style.tempo),
+        )
         if ready > 0.1:  # else the stroke itself leaves the rest: hands wait for the voice
             phases.append(Phase("preparation", begin - ready, ready, raised))
         phases.append(Phase("stroke", begin, seconds, struck))
@@ -120,7 +133,9 @@ def schedule(prosody: Prosody, style: StyleFactors) -> list[Phase]:
     return phases
 
 
-def follow(phases: Sequence[Phase], home: Stance, time: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T 2 5"]:
+def follow(
+    phases: Sequence[Phase], home: Stance, time: Float[np.ndarray, " T"]
+) -> Float[np.ndarray, "T 2 5"]:
     """Both hands through time: the sum of the minimum-jerk movements from goal to goal, smooth where they overlap."""
     path = np.repeat(home.rest[None], len(time), axis=0)
     goal = home.rest

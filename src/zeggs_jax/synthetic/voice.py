@@ -11,7 +11,14 @@ from zeggs_jax.synthetic.phones import Phone, syllables
 
 RATE = 16000
 HOP = 80  # samples of one control frame: 5 ms
-PAUSE = {",": (0.25, 0.45), ";": (0.35, 0.6), ":": (0.35, 0.6), ".": (0.6, 1.3), "!": (0.6, 1.3), "?": (0.6, 1.3)}
+PAUSE = {
+    ",": (0.25, 0.45),
+    ";": (0.35, 0.6),
+    ":": (0.35, 0.6),
+    ".": (0.6, 1.3),
+    "!": (0.6, 1.3),
+    "?": (0.6, 1.3),
+}
 
 
 class Word(NamedTuple):
@@ -56,7 +63,13 @@ def random_voice(seed: int) -> Voice:
     draw = np.random.default_rng([seed, 3])
     tract = float(draw.uniform(0.95, 1.25))
     pitch = float(110.0 * tract**3 * draw.uniform(0.8, 1.2))
-    return Voice(pitch, float(draw.uniform(0.85, 1.2)), tract, float(draw.uniform(0.02, 0.3)), float(draw.uniform(0.1, 0.35)))
+    return Voice(
+        pitch,
+        float(draw.uniform(0.85, 1.2)),
+        tract,
+        float(draw.uniform(0.02, 0.3)),
+        float(draw.uniform(0.1, 0.35)),
+    )
 
 
 def _rest(seconds: float) -> Phone:
@@ -81,7 +94,9 @@ def _score(text: Sequence[str], voice: Voice, draw: np.random.Generator, lead: f
                 score.phones.append(phone._replace(seconds=seconds))
                 score.levels.append(push)
                 now += seconds
-        score.words.append(Word(written.rstrip(".,;:!?"), start, now, stressed, start if nucleus is None else nucleus))
+        score.words.append(
+            Word(written.rstrip(".,;:!?"), start, now, stressed, start if nucleus is None else nucleus)
+        )
         if written[-1] in PAUSE:
             gap = float(draw.uniform(*PAUSE[written[-1]]))
             score.phones.append(_rest(gap))
@@ -93,7 +108,9 @@ def _score(text: Sequence[str], voice: Voice, draw: np.random.Generator, lead: f
 def _pitch(score: _Score, voice: Voice, frames: int) -> Float[np.ndarray, " F"]:
     """Declination through each phrase and a rise on each stressed vowel."""
     time = np.arange(frames) * HOP / RATE
-    starts = np.array([w.start for k, w in enumerate(score.words) if k == 0 or w.start > score.words[k - 1].end + 0.1])
+    starts = np.array(
+        [w.start for k, w in enumerate(score.words) if k == 0 or w.start > score.words[k - 1].end + 0.1]
+    )
     since = time - starts[np.clip(np.searchsorted(starts, time, "right") - 1, 0, None)]
     contour = 0.9 + 0.2 * np.exp(-np.maximum(since, 0.0) / 1.5)
     for when, size in score.accents:
@@ -121,7 +138,12 @@ def _controls(score: _Score, voice: Voice) -> Controls:
 def _resonances(hz: Float[np.ndarray, "F K"], formants: Float[np.ndarray, "F 3"]) -> Float[np.ndarray, "F K"]:
     """Gain of the vocal tract: three second-order resonances in cascade with a fixed fourth."""
     gain = np.ones_like(hz)
-    for centre, width in ((formants[:, :1], 80.0), (formants[:, 1:2], 110.0), (formants[:, 2:], 160.0), (3700.0, 250.0)):
+    for centre, width in (
+        (formants[:, :1], 80.0),
+        (formants[:, 1:2], 110.0),
+        (formants[:, 2:], 160.0),
+        (3700.0, 250.0),
+    ):
         gain = gain * centre**2 / np.sqrt((centre**2 - hz**2) ** 2 + (width * hz) ** 2)
     return gain
 

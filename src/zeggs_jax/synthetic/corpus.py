@@ -1,0 +1,205 @@
+"""A corpus folder with known ground truth: for each take a wav, a BVH and a JSON of words, stresses and style factors."""
+
+import csv
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from zeggs_jax.motion import bvh
+from zeggs_jax.speech import wav
+from zeggs_jax.synthetic import gestures, prosody, sentences, styles, voice
+from zeggs_jax.synthetic.styles import HELD_OUT, TRAINING, StyleFactors
+from zeggs_jax.synthetic.voice import Word
+
+HELD_OUT_FOLDER = "held_out"
+WORDS_PER_SECOND = 2.7
+
+
+@dataclass(frozen=True)
+class CorpusConfig:
+    """What to write. Held-out styles go to the subfolder `held_out`, a corpus of its own that training never sees."""
+
+    clips: int = 48
+    seconds: tuple[float, float] = (15.0, 30.0)  # shortest and longest clip
+    rate_hz: int = 30
+    seed: int = 0
+    styles: tuple[str, ...] = TRAINING
+    random_share: float = 0.3  # of the clips show random points of the factor space
+    valid_share: float = 0.08
+    held_out: tuple[str, ...] = HELD_OUT  # one clip each for every 24 clips, at least one
+
+
+class Take(NamedTuple):
+    """One clip to be made; `name` is its path in the corpus without suffix."""
+
+    name: str
+    style: str
+    factors: StyleFactors
+    split: str
+    seconds: float
+    seed: int
+
+
+class Recording(NamedTuple):
+    """Speech for a take at 16 kHz; `words` is empty when their times are unknown."""
+
+    wave: Float32[np.ndarray, " n"]
+    text: str
+    words: Sequence[Word]
+    speaker: str
+
+
+def plan(config: CorpusConfig) -> list[Take]:
+    """The takes of a corpus: named styles in turn, random points among them, a validation clip now and then.
+
+    Raises ValueError for an unknown style, no clips, or clips shorter than a second.
+    """
+    if config.clips < 1 or not 1.0 <= config.seconds[0] <= config.seconds[1]:
+        raise ValueError(
+            f"a corpus of {config.clips} clips of {config.seconds[0]:g} to {config.seconds[1]:g} s cannot be made; ask for "
+            "at least one clip, of a second or more."
+        )
+    draw = np.random.default_rng([config.seed, 2])
+    points = {name: styles.find(name) for name in (*config.styles, *config.held_out)}
+    takes: list[Take] = []
+
+    def add(folder: str, style: str, factors: StyleFactors, split: str) -> None:
+        seconds = round(float(draw.uniform(*config.seconds)), 1)
+        seed = config.seed * 100_003 + len(takes)
+        takes.append(Take(f"{folder}{style}_{len(takes):04d}", style, factors, split, seconds, seed))
+
+    named = valid = 0
+    for k in range(config.clips):
+        split = "valid" if int((k + 1) * config.valid_share) > valid else "train"
+        valid += split == "valid"
+        if int((k + 1) * config.random_share) > int(k * config.random_share):
+            add("", f"random{k}", styles.random_style(config.seed * 100_003 + k), split)
+        else:
+            name = config.styles[named % len(config.styles)]
+            named += 1
+            add("", name, points[name], split)
+    for name in config.held_out:
+        for _ in range(max(1, config.clips // 24)):
+            add(f"{HELD_OUT_FOLDER}/", name, points[name], "valid")
+    return takes
+
+
+def record(take: Take) -> Recording:
+    """The take spoken by a random synthetic voice; words with exact times."""
+    text = sentences.monologue(take.seed, int(WORDS_PER_SECOND * take.seconds))
+    wave, words = voice.speak(text, take.seed, lead=lead_silence(take.seed))
+    return Recording(wave, text, words, "synthetic")
+
+
+def lead_silence(seed: int) -> float:
+    """Seconds before the first word: usually a moment, in every eighth clip a few seconds."""
+    draw = np.random.default_rng([seed, 31])
+    return float(draw.uniform(1.5, 4.0) if draw.random() < 0.125 else draw.uniform(0.15, 0.6))
+
+
+def swell(wave: Float[np.ndarray, " n"], seed: int) -> Float32[np.ndarray, " n"]:
+    """The speech with a loudness that wanders over 9 dB within seconds, and a level of its own between -30 and -16 dB."""
+    draw = np.random.default_rng([seed, 37])
+    knots = np.arange(0.0, len(wave) / voice.RATE + 2.5, 2.5)
+    gain = np.interp(np.arange(len(wave)) / voice.RATE, knots, draw.uniform(-6.0, 3.0, len(knots)))
+    louder = wave.astype(np.float64) * 10.0 ** (gain / 20.0)
+    level = np.sqrt(np.mean(louder**2)) + 1e-9
+    wanted = 10.0 ** (draw.uniform(-30.0, -16.0) / 20.0)
+    return (louder * min(wanted / level, 0.98 / max(float(np.abs(louder).max()), 1e-9))).astype(np.float32)
+
+
+def fit(recording: Recording, take: Take, rate_hz: int) -> tuple[Recording, int]:
+    """The recording cut or padded to the take's length, exactly a whole number of frames; and that number."""
+    frames = round(take.seconds * rate_hz)
+    samples = round(frames * voice.RATE / rate_hz)
+    wave = recording.wave[:samples]
+    if len(wave) < samples:
+        wave = np.pad(wave, (0, samples - len(wave)))
+    else:
+        fade = min(480, samples)
+        wave = np.concatenate([wave[:-fade], wave[-fade:] * np.linspace(1.0, 0.0, fade, dtype=np.float32)])
+    kept = [w for w in recording.words if w.end < samples / voice.RATE]
+    return recording._replace(wave=swell(wave, take.seed), words=kept), frames
+
+
+def perform(
+    take: Take, recording: Recording, rate_hz: int = 30
+) -> tuple[Recording, prosody.Prosody, bvh.Clip]:
+    """The take performed: its speech at full length, what the body heard, and what it did."""
+    spoken, frames = fit(recording, take, rate_hz)
+    heard = prosody.known(spoken.words, spoken.wave) if spoken.words else prosody.measure(spoken.wave)
+    return spoken, heard, gestures.perform(heard, take.factors, frames, rate_hz, take.seed)
+
+
+def write_take(folder: str | Path, take: Take, recording: Recording, rate_hz: int = 30) -> None:
+    """Perform one take and write name.wav, name.bvh and name.json below `folder`."""
+    spoken, heard, clip = perform(take, recording, rate_hz)
+    stem = Path(folder) / take.name
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    wav.write(f"{stem}.wav", spoken.wave, voice.RATE)
+    bvh.write(f"{stem}.bvh", clip)
+    notes = {
+        "style": take.style,
+        "factors": take.factors._asdict(),
+        "speaker": spoken.speaker,
+        "text": spoken.text,
+        "words": [w._asdict() for w in spoken.words],
+        "stresses": [
+            {"time": t, "strength": s}
+            for t, s in zip(heard.time.tolist(), heard.strength.tolist(), strict=True)
+        ],
+        "phrases": heard.phrases.tolist(),
+    }
+    _write_text(Path(f"{stem}.json"), json.dumps(_rounded(notes), indent=1) + "\n")
+
+
+def write_index(folder: str | Path, takes: Sequence[Take]) -> None:
+    """corpus.csv (name,style,split) of `folder`, and one in `held_out` where there are such takes."""
+    for here in {Path(take.name).parent.as_posix() for take in takes}:
+        path = Path(folder) / here / "corpus.csv"
+        rows = [
+            (Path(t.name).name, t.style, t.split) for t in takes if Path(t.name).parent.as_posix() == here
+        ]
+        partial = path.with_name(path.name + ".partial")
+        with partial.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerows([("name", "style", "split"), *rows])
+        os.replace(partial, path)
+
+
+def write(folder: str | Path, config: CorpusConfig | None = None) -> list[Take]:
+    """Write a whole corpus spoken by synthetic voices; the same config writes the same bytes."""
+    config = CorpusConfig() if config is None else config
+    takes = plan(config)
+    for take in takes:
+        write_take(folder, take, record(take), config.rate_hz)
+    write_index(folder, takes)
+    return takes
+
+
+def style_clip(
+    style: str | StyleFactors, seconds: float = 10.0, rate_hz: int = 30, seed: int = 0
+) -> bvh.Clip:
+    """An example clip of a style, performed to synthetic speech (the input of Fig. 3b)."""
+    factors = styles.find(style) if isinstance(style, str) else style
+    take = Take("example", "example", factors, "train", seconds, seed)
+    return perform(take, record(take), rate_hz)[2]
+
+
+def _rounded(value: object) -> object:
+    if isinstance(value, float):
+        return round(value, 5)
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    return [_rounded(item) for item in value] if isinstance(value, list) else value
+
+
+def _write_text(path: Path, text: str) -> None:
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(text, encoding="utf-8")
+    os.replace(partial, path)
