@@ -35,6 +35,15 @@ class ZeroEggsConfig:
                 f"the style kind is '{self.style.kind}' and there are {len(self.labels)} labels; "
                 "give labels with kind 'label', and only with it."
             )
+        for part in (self, self.speech, self.style, self.decoder):
+            for name, value in vars(part).items():
+                if type(value) is int and value < 1:
+                    raise ValueError(f"{type(part).__name__}.{name} is {value}; sizes are at least 1.")
+        if self.speech.kernel % 2 == 0:
+            raise ValueError(f"SpeechEncoderConfig.kernel is {self.speech.kernel}; it must be odd.")
+        width, heads = self.style.outputs, self.style.heads
+        if self.style.kind == "attn" and width % heads:
+            raise ValueError(f"the style encoder is {width} wide, which its {heads} heads do not divide.")
 
     @property
     def vector_size(self) -> int:
@@ -49,15 +58,13 @@ class ZeroEggsConfig:
 
 def to_dict(config: Any) -> dict[str, Any]:
     """A config as plain dicts, lists, numbers and strings, ready for JSON."""
-    return {
-        f.name: to_dict(value)
-        if dataclasses.is_dataclass(value)
-        else list(value)
-        if isinstance(value, tuple)
-        else value
-        for f in dataclasses.fields(config)
-        for value in [getattr(config, f.name)]
-    }
+    return {f.name: _plain(getattr(config, f.name)) for f in dataclasses.fields(config)}
+
+
+def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value):
+        return to_dict(value)
+    return list(value) if isinstance(value, tuple) else value
 
 
 def from_dict(kind: type[T], data: Any, where: str = "config") -> T:

@@ -12,7 +12,8 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float
 
 from ..nn.attention import TransformerBlock, masked, positions
 from ..nn.layers import Conv, Dense, GRUCell, LayerNorm
