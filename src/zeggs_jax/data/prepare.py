@@ -1,4 +1,4 @@
-"""A corpus folder -> arrays on disk for training, their statistics, a manifest that says how they were made."""
+"""A corpus folder -> arrays for training on disk, their statistics, a manifest of how they were made."""
 
 import hashlib
 import json
@@ -85,11 +85,11 @@ def prepare(folder: str | Path, out: str | Path, config: PrepareConfig = Prepare
 
 
 def save_trimmed(folder: Path, take: Take) -> None:
-    """Write a take as the release does: BVH, and 16-bit WAV at -20 LUFS."""
+    """Write a take as the release does: BVH and 16-bit WAV, loudness as recorded."""
     path = folder / take.name
     path.parent.mkdir(parents=True, exist_ok=True)
     bvh.write(path.with_name(f"{path.name}.bvh"), take.clip)
-    wav.write(path.with_name(f"{path.name}.wav"), wav.normalize_loudness(take.wave))
+    wav.write(path.with_name(f"{path.name}.wav"), take.wave)
 
 
 def _rows(take: Take, config: PrepareConfig) -> tuple[dict[str, np.ndarray], Float32[np.ndarray, "3"]]:
@@ -153,7 +153,7 @@ def _save_scales(path: Path, scales: scale.Scales) -> None:
 
 
 class _ArrayFile:
-    """A .npy file that grows along its first axis; complete, under its own name, once the `with` block ends."""
+    """A .npy file that grows along its first axis; complete and under its own name after its `with` block."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.rows, self.width, self.digest = path, 0, 0, hashlib.sha256()
