@@ -16,6 +16,7 @@ from zeggs_jax.stage.anatomy import Anatomy, Limb, Sample, study, unit
 from zeggs_jax.stage.extremities import foot, hand
 from zeggs_jax.stage.shapes import (
     DARK,
+    HAIR,
     LEGS,
     SKIN,
     TOP,
@@ -31,7 +32,7 @@ from zeggs_jax.stage.shapes import (
 
 # The place is 0 at the shoulder or hip, 1 at the elbow or knee, 2 at the end.
 ARM = ((0.0, 0.0325), (0.35, 0.0285), (1.0, 0.0220), (1.25, 0.0240), (2.0, 0.0150))
-LEG = ((0.0, 0.0515), (0.40, 0.0465), (1.0, 0.0315), (1.30, 0.0345), (2.0, 0.0210))
+LEG = ((0.0, 0.0485), (0.40, 0.0460), (1.0, 0.0315), (1.30, 0.0345), (2.0, 0.0210))
 # The place is 0 at the pelvis, 0.89 at the height of the shoulders, 1 where the neck begins.
 TRUNK_WIDTH = ((0.03, 0.0935), (0.1, 0.0915), (0.25, 0.0830), (0.4, 0.0785), (0.55, 0.0830), (0.7, 0.0895),
                (0.8, 0.0880), (0.88, 0.0750), (0.95, 0.0500), (1.0, 0.0375))  # fmt: skip
@@ -84,51 +85,64 @@ def limb(body: Anatomy, chain: Limb, outline: Outline, tone: int) -> Iterator[Pa
             way = unit(body.skeleton.offsets[child])
             side = across(body.left[joint], way)
             stations = []
-            for place in places_along([p for p, _ in outline], first + a / whole, first + b / whole):
+            for place in places_along(first + a / whole, first + b / whole, 0.25):
                 width, growth = measure(outline, place, body.stature)
                 at = way * ((place - first) * whole - a)
                 stations.append(Station(joint, at, side, way, width, width, width, growth / whole))
             yield Part(tone, tuple(stations))
 
 
-def spine_places(body: Anatomy) -> np.ndarray:
-    """The place of every joint of the spine, scaled so that the shoulders sit where the shoulders are."""
+def spine_places(body: Anatomy) -> tuple[np.ndarray, float]:
+    """The place of every joint of the spine, scaled so that the shoulders sit where the shoulders are; length per place."""
     along = np.cumsum([0.0, *(np.linalg.norm(body.skeleton.offsets[j]) for j in body.spine[1:])])
-    arms = [body.limbs[role] for role in ("left_hand", "right_hand")]
-    shoulders = np.mean([body.sample.seen_from(body.spine[0], arm.joints[arm.start]) for arm in arms], axis=0)
-    return 0.89 * along / float(np.clip(np.linalg.norm(shoulders), 0.15 * body.stature, 0.4 * body.stature))
+    shoulders, _ = middle_of(body, "left_hand", "right_hand")
+    unit_length = float(np.clip(np.linalg.norm(shoulders), 0.15 * body.stature, 0.4 * body.stature)) / 0.89
+    return along / unit_length, unit_length
+
+
+def middle_of(body: Anatomy, *roles: str) -> tuple[np.ndarray, float]:
+    """The middle [3] between both shoulders or hips in the pelvis' frame, and how far they are from it."""
+    one, other = (body.sample.seen_from(body.spine[0], limb.joints[limb.start]) for limb in (body.limbs[r] for r in roles))
+    return 0.5 * (one + other), 0.5 * float(np.linalg.norm(one - other))
 
 
 def spine(body: Anatomy) -> Iterator[Part]:
     """Trunk and neck: one skin each, whose ellipses turn with the joints they sit on."""
-    places = spine_places(body)
-    for (width_of, depth_of), tone, cap in (((TRUNK_WIDTH, TRUNK_DEPTH), TOP, 0.45), ((NECK, NECK), SKIN, 1.0)):
-        first, last = width_of[0][0], 1.0 if tone == TOP else places[-1]
+    places, length = spine_places(body)
+    hips, half = middle_of(body, "left_foot", "right_foot")
+    hem = float(np.clip((hips @ body.up[body.spine[0]] + 0.030 * body.stature) / length, 0.0, 0.3))
+    wider = max(0.0, (half / body.stature + 0.036) / 0.092 - 1.0)  # over hips that stand wide apart
+    for (width_of, depth_of), tone, cap, first, last in (
+        ((TRUNK_WIDTH, TRUNK_DEPTH), TOP, 0.4, hem, 1.0),
+        ((NECK, NECK), SKIN, 0.3, 0.96, places[-1]),
+    ):
         stations = []
         for joint, child, a, b in zip(body.spine, body.spine[1:], places, places[1:], strict=False):
             low, high = max(a, first), min(b, last)
             if b - a < 1e-3 or high - low < 1e-3:
                 continue
-            ends = places_along([p for p, _ in width_of], low, high)
+            ends = places_along(low, high, 0.14)
             for place in ends if high == last else ends[:-1]:  # the last ellipse of a bone is the next one's first
                 width, growth = measure(width_of, place, body.stature)
                 depth, _ = measure(depth_of, place, body.stature)
+                width *= 1.0 + wider * max(0.0, 1.0 - place / 0.35)
                 at, up = body.skeleton.offsets[child] * (place - a) / (b - a), body.up[joint]
-                slope = growth * (b - a) / float(np.linalg.norm(body.skeleton.offsets[child]))
-                stations.append(Station(joint, at, across(body.left[joint], up), up, width, depth, cap * depth, slope))
+                side = across(body.left[joint], up)
+                stations.append(Station(joint, at, side, up, width, depth, cap * depth, growth / length))
         if len(stations) > 1:
             yield Part(tone, tuple(stations))
 
 
 def pelvis(body: Anatomy) -> Part:
     """Trousers between the legs, under the hem of the top."""
-    joint, size = body.spine[0], body.stature
-    legs = [body.limbs[role] for role in ("left_foot", "right_foot")]
-    hips = [body.sample.seen_from(joint, leg.joints[leg.start]) for leg in legs]
-    middle, half = np.mean(hips, axis=0), 0.5 * float(np.linalg.norm(hips[0] - hips[1]))
-    low, high = middle - 0.005 * size * body.front[joint], middle + 0.04 * size * body.up[joint]
-    return pill(joint, LEGS, low, high, body.left[joint], (half + 0.018 * size, 0.057 * size, 0.042 * size),
-                (0.086 * size, 0.060 * size, 0.03 * size))  # fmt: skip
+    joint, size, up = body.spine[0], body.stature, body.up[body.spine[0]]
+    middle, half = middle_of(body, "left_foot", "right_foot")
+    bone = body.skeleton.offsets[body.spine[1]]
+    waist = middle + 0.042 * size * up
+    waist = bone * float(np.clip(waist @ up / max(bone @ up, 1e-6), 0.0, 1.0)) if waist @ up > 0 else waist
+    low = middle + 0.004 * size * up - 0.004 * size * body.front[joint]
+    return pill(joint, LEGS, low, waist, body.left[joint], (half + 0.018 * size, 0.056 * size, 0.042 * size),
+                (0.082 * size, 0.056 * size, 0.02 * size))  # fmt: skip
 
 
 def collar(body: Anatomy, arm: Limb) -> Part:
@@ -136,9 +150,10 @@ def collar(body: Anatomy, arm: Limb) -> Part:
     first, size = arm.joints[0], body.stature
     base = first if arm.start else body.skeleton.parents[first]
     shoulder = body.sample.seen_from(base, arm.joints[arm.start])
-    neck_joint = next((j for j, place in zip(body.spine, spine_places(body), strict=True) if place > 0.9), body.spine[-1])
-    neck = body.sample.seen_from(base, neck_joint)
-    return pill(base, TOP, neck + 0.36 * (shoulder - neck), shoulder, body.front[base], 0.0355 * size, 0.0335 * size)
+    places, length = spine_places(body)
+    above = int(np.argmax(places > 0.9)) if places[-1] > 0.9 else len(places) - 1
+    neck = body.sample.seen_from(base, body.spine[above]) - body.up[base] * (places[above] - 0.95) * length
+    return pill(base, TOP, neck + 0.45 * (shoulder - neck), shoulder, body.front[base], 0.031 * size, 0.0335 * size)
 
 
 def head(body: Anatomy) -> Iterator[Part]:
@@ -151,7 +166,8 @@ def head(body: Anatomy) -> Iterator[Part]:
         return pill(joint, tone, np.array(start) @ axes, np.array(end) @ axes, body.left[joint], *sizes)
 
     yield shape(SKIN, (0, 0.028, 0.002), (0, 0.047, 0.001), (0.0435, 0.053, 0.043), (0.0425, 0.052, 0.040))
-    yield shape(SKIN, (0, 0.014, 0.020), (0, -0.026, 0.032), (0.036, 0.036, 0.03), (0.0205, 0.0195, 0.015))
+    yield shape(HAIR, (0, 0.030, -0.011), (0, 0.056, 0.0005), (0.0452, 0.0500, 0.034), (0.0445, 0.0530, 0.0375))
+    yield shape(SKIN, (0, 0.016, 0.016), (0, -0.018, 0.026), (0.0375, 0.038, 0.03), (0.0255, 0.0235, 0.022))
     yield shape(SKIN, (0, 0.018, 0.055), (0, 0.002, 0.063), (0.0045, 0.005, 0.005), (0.0075, 0.007, 0.006))
     for x in (1, -1):
         eye, ear = 0.0175 * x, 0.0435 * x

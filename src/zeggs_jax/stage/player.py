@@ -25,7 +25,7 @@ from zeggs_jax.stage import anatomy, body
 from zeggs_jax.stage.shapes import Station
 
 COLOURS = ("#c4674a", "#3f8f8a", "#4f79b8", "#cf9f3d", "#8a5c90", "#78994f", "#cc7790", "#64788e")
-"""What the figures wear, in turn."""
+"""What the figures wear, in turn, on the page and in strips of poses."""
 
 Speech = str | Path | tuple[np.ndarray, float] | None
 

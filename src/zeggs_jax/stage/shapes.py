@@ -9,7 +9,7 @@ import numpy as np
 
 from zeggs_jax.stage.anatomy import Sample, unit
 
-SKIN, TOP, LEGS, SHOES, DARK = range(5)
+SKIN, TOP, LEGS, SHOES, DARK, HAIR = range(6)
 """Tones: which colour a shape takes; the page and the strip of poses hold the colours themselves."""
 
 Outline = Sequence[tuple[float, float]]  # (place along a limb, half-width as a share of the stature)
@@ -57,15 +57,15 @@ def across(side: np.ndarray, along: np.ndarray) -> np.ndarray:
 
 
 def measure(outline: Outline, place: float, scale: float) -> tuple[float, float]:
-    """Half-width of an outline at a place, and its growth per unit of place, smoothed over its corners."""
-    width = float(np.interp(place, *zip(*outline, strict=True)))
-    before, after = np.interp([place - 0.05, place + 0.05], *zip(*outline, strict=True))
-    return scale * width, scale * float(after - before) / 0.1
+    """Half-width of an outline at a place, its corners smoothed, and its growth per unit of place."""
+    near = np.linspace(-0.08, 0.08, 9)
+    before, width, after = (np.interp(near + at, *zip(*outline, strict=True)).mean() for at in (place - 0.04, place, place + 0.04))
+    return scale * float(width), scale * float(after - before) / 0.08
 
 
-def places_along(knots: Sequence[float], low: float, high: float) -> list[float]:
-    """The two ends and the corners of an outline between them."""
-    return [low, *(knot for knot in knots if low + 0.02 < knot < high - 0.02), high]
+def places_along(low: float, high: float, step: float) -> list[float]:
+    """Evenly spaced places from `low` to `high`, about `step` apart."""
+    return np.linspace(low, high, max(2, round((high - low) / step) + 1)).tolist()
 
 
 def lowest(parts: Sequence[Part], sample: Sample) -> np.ndarray:
@@ -77,14 +77,50 @@ def lowest(parts: Sequence[Part], sample: Sample) -> np.ndarray:
     return low
 
 
-def rings(part: Part, mat: np.ndarray, pos: np.ndarray, around: int) -> np.ndarray:
-    """[S, 3 * around, 3] points on the skin near every station in world, for joints at `mat [J, 3, 3]`, `pos [J, 3]`."""
-    turn = 2.0 * np.pi * np.arange(around) / around
+class Piece(NamedTuple):
+    """What lies between two neighbouring ellipses of a shape: convex, so its outline is the hull of its points."""
+
+    tone: int
+    ends: np.ndarray  # [2, 3] centres of the two ellipses, world
+    points: np.ndarray  # [n, 3] points of the skin, world
+
+
+def pieces(parts: Sequence[Part], pos: np.ndarray, mat: np.ndarray, around: int = 10) -> list[Piece]:
+    """All shapes cut at their ellipses, for joints at `pos [J, 3]` turned by `mat [J, 3, 3]`."""
     found = []
-    for k, s in enumerate(part.stations):
-        end = (k == len(part.stations) - 1) - (k == 0)
-        deep = np.cross(s.along, s.side)
-        ring = np.cos(turn)[:, None] * s.side * s.width + np.sin(turn)[:, None] * deep * s.depth
-        local = [s.centre + np.cos(a) * ring + end * np.sin(a) * s.cap * s.along for a in (0.0, 0.7, 1.3)]
-        found.append(pos[s.joint] + np.concatenate(local) @ mat[s.joint].T)
-    return np.stack(found)
+    for part in parts:
+        rings = [ring(part, k, around) for k in range(len(part.stations))]
+        placed = [pos[s.joint] + r @ mat[s.joint].T for s, r in zip(part.stations, rings, strict=True)]
+        centres = [pos[s.joint] + mat[s.joint] @ s.centre for s in part.stations]
+        for k in range(len(placed) - 1):
+            points = placed[k : k + 2]
+            if k + 2 < len(placed):  # a little overlap hides the joint
+                points.append(placed[k + 1] + 0.2 * (placed[k + 2][:around] - placed[k + 1]))
+            found.append(Piece(part.tone, np.stack(centres[k : k + 2]), np.concatenate(points)))
+    return found
+
+
+def ring(part: Part, number: int, around: int) -> np.ndarray:
+    """[n, 3] points on one ellipse of a shape, and on its rounded end if it is the first or the last."""
+    s, turn = part.stations[number], 2.0 * np.pi * np.arange(around) / around
+    ellipse = np.cos(turn)[:, None] * s.side * s.width + np.sin(turn)[:, None] * np.cross(s.along, s.side) * s.depth
+    end = (number == len(part.stations) - 1) - (number == 0)
+    tilts = (0.0, 0.6, 1.15) if end else (0.0,)
+    return np.concatenate([s.centre + np.cos(a) * ellipse + end * np.sin(a) * s.cap * s.along for a in tilts])
+
+
+def hull(points: np.ndarray) -> np.ndarray:
+    """Convex hull of points in the plane [n, 2], one way round."""
+    order = points[np.lexsort((points[:, 1], points[:, 0]))].tolist()
+    whole: list[list[float]] = []
+    for way in (order, order[::-1]):
+        half: list[list[float]] = []
+        for x, y in way:
+            while len(half) > 1:
+                (ax, ay), (bx, by) = half[-2:]
+                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0:
+                    break
+                half.pop()
+            half.append([x, y])
+        whole += half[:-1]
+    return np.array(whole or order[:1])

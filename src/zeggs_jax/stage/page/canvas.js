@@ -59,7 +59,7 @@ class CanvasRenderer {
       const gradient = context.createLinearGradient(...p, ...q);
       [-0.95, -0.5, 0, 0.5, 0.95].forEach((s, k) => {
         const n = unit(add(add([0, 0, 0], across, s), toEye, Math.sqrt(1 - s * s)));
-        const light = 0.52 + 0.16 * n[1] + 0.5 * Math.max(dot(n, lamp), 0);
+        const light = 0.6 + 0.14 * n[1] + 0.5 * Math.max(dot(n, lamp), 0);
         gradient.addColorStop(k / 4, `rgb(${[0, 1, 2].map(c => Math.min(255, Math.round(255 * figure.tones[tone * 3 + c] * light))).join()})`);
       });
       context.fillStyle = gradient;

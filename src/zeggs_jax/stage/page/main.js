@@ -3,10 +3,10 @@
 const $ = id => document.getElementById(id);
 const root = document.documentElement, scene = JSON.parse($("scene").textContent);
 
-/** Skin, top, legs, shoes, eyes; the top takes the figure's own colour. */
+/** Skin, top, legs, shoes, eyes, hair; the top takes the figure's own colour. */
 function tonesOf(colour) {
   const rgb = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16) / 255);
-  return ["#ddb294", colour, "#4d525c", "#3a3d44", "#26272b"].flatMap(rgb);
+  return ["#ddb294", colour, "#4d525c", "#3a3d44", "#26272b", "#4b3f39"].flatMap(rgb);
 }
 
 async function loadFigures() {
@@ -110,12 +110,12 @@ function columnsFor(count, width, height) {
   return best[1];
 }
 
-/** Camera of one view: turns with the others about its own figure, seen from where that figure looks. */
-function viewOf(figure, cell, scale, canvas, time) {
+/** Camera of one view: turns with the others about its own figure, seen from where that figure looks; `room` is what all need. */
+function viewOf(figure, room, cell, scale, canvas, time) {
   const [x, z] = figure.follow(time), centre = [x, figure.floor, z], aspect = cell.w / cell.h;
   const yaw = figure.facing + camera.yaw, close = Math.min(Math.max((camera.zoom - 1) / 1.5, 0), 1);
-  const target = add(centre, [0, figure.stature * (0.5 + 0.2 * close), 0]);
-  const distance = figure.stature * Math.max(0.565 / TANGENT, 0.42 / (TANGENT * aspect)) / camera.zoom;
+  const half = 0.5 * room.tall, target = add(centre, [0, half * (1 - close) + 0.8 * figure.stature * close, 0]);
+  const distance = Math.max(1.13 * half / TANGENT, 1.04 * room.wide / (TANGENT * aspect)) / camera.zoom;
   const flat = Math.cos(camera.pitch);
   const eye = add(target, [Math.sin(yaw) * flat, Math.sin(camera.pitch), Math.cos(yaw) * flat], distance);
   const project = times(perspective(TANGENT, aspect, 0.1, distance + 12), lookAt(eye, target));
@@ -132,6 +132,7 @@ let changed = () => {};
 async function main() {
   const [figures, tracks] = await Promise.all([loadFigures(), Promise.all(scene.tracks.map(loadTrack))]);
   const clock = new Clock(Math.max(...figures.map(f => f.duration), ...tracks.map(t => t.seconds)));
+  const room = { tall: Math.max(...figures.map(f => f.tall)), wide: Math.max(...figures.map(f => f.wide)) };
   const look = { dark: 0, line: [0, 0, 0] }, scheme = matchMedia("(prefers-color-scheme: dark)");
   let dirty = true, cells = [], drawn = "", canvas = $("canvas"), renderer;
   const redraw = () => { dirty = true; };
@@ -182,7 +183,7 @@ async function main() {
       const scale = Math.min(devicePixelRatio || 1, 2), [w, h] = [canvas.clientWidth, canvas.clientHeight].map(v => Math.round(v * scale));
       if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
       figures.forEach(figure => figure.pose(clock.time));
-      renderer.draw(figures.map((figure, i) => viewOf(figure, cells[i], scale, canvas, clock.time)), look);
+      renderer.draw(figures.map((figure, i) => viewOf(figure, room, cells[i], scale, canvas, clock.time)), look);
       showTime();
       dirty = false; drawn = state;
       root.dataset.ready = renderer.name;

@@ -74,10 +74,14 @@ class Figure {
     }
   }
 
-  /** The camera's path: where the pelvis is on the ground, ten times a second, smoothed over about two seconds. */
+  /**
+   * The camera's path: where the pelvis is on the ground, ten times a second, smoothed over about two seconds; and the
+   * room that the body takes around it: `tall` above the floor and `wide` to each side, but for rare moments.
+   */
   trackCentre() {
-    const n = Math.max(2, Math.ceil(this.duration * 10) + 1);
-    let path = Array.from({ length: n }, (_, k) => { this.pose(k / 10); return [this.place[this.centre * 3], this.place[this.centre * 3 + 2]]; });
+    const n = Math.max(2, Math.ceil(this.duration * 10) + 1), tops = [], poses = [];
+    for (let k = 0; k < n; k++) { this.pose(k / 10); poses.push(this.place.slice()); }
+    let path = poses.map(place => [place[this.centre * 3], place[this.centre * 3 + 2]]);
     for (let pass = 0; pass < 2; pass++) {
       path = path.map((_, k) => {
         let x = 0, z = 0;
@@ -86,6 +90,18 @@ class Figure {
       });
     }
     this.path = path;
+    const sides = poses.map((place, k) => {
+      let top = 0, side = 0;
+      for (let j = 0; j < this.count; j++) {
+        top = Math.max(top, place[j * 3 + 1] - this.floor);
+        if (this.parents[j] >= 0) side = Math.max(side, Math.hypot(place[j * 3] - path[k][0], place[j * 3 + 2] - path[k][1]));
+      }
+      tops.push(top);
+      return side;
+    });
+    const nearlyAll = list => list.sort((a, b) => a - b)[Math.floor(0.985 * (n - 1))];
+    this.tall = Math.max(nearlyAll(tops) + 0.04 * this.stature, this.stature);
+    this.wide = Math.max(nearlyAll(sides) + 0.04 * this.stature, 0.3 * this.stature);
   }
 
   /** World place [x, z] that the camera follows at a time. */

@@ -3,7 +3,7 @@
 const BODY_VERTEX = `#version 300 es
 precision highp float;
 layout(location=0) in vec3 position; layout(location=1) in vec3 normal; layout(location=2) in vec2 jointTone;
-uniform sampler2D joints; uniform mat4 project; uniform vec3 tones[5];
+uniform sampler2D joints; uniform mat4 project; uniform vec3 tones[6];
 out vec3 vNormal; out vec3 vWorld; out vec3 vColour;
 void main() {
   int j = int(jointTone.x) * 3;
