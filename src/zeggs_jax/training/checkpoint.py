@@ -82,6 +82,19 @@ def digest(path: str | Path) -> str:
     return _manifest(Path(path).absolute())["digest"]
 
 
+def tree_digest(tree: Any) -> str:
+    """SHA-256 (hex) of the names, shapes, dtypes and bytes of a pytree of arrays."""
+    leaves = {name: _fingerprint(np.asarray(leaf)) for name, leaf in _named_leaves(tree).items()}
+    return _sha256(json.dumps(leaves, sort_keys=True).encode())
+
+
+def remove(path: str | Path) -> None:
+    """Delete a checkpoint; a kill in between leaves a folder that no longer counts as one."""
+    path = Path(path)
+    (path / MANIFEST).unlink(missing_ok=True)
+    shutil.rmtree(path, ignore_errors=True)
+
+
 def is_checkpoint(path: str | Path) -> bool:
     """Whether folder `path` looks like a finished checkpoint (nothing is verified)."""
     return (Path(path) / MANIFEST).is_file()

@@ -17,8 +17,6 @@ from ..motion.kinematics import ANG, AXES, POS, VEL
 from ..motion.pose import Pose, Root
 from .style_encoder import StyleDistribution
 
-KL_LIMIT = 0.2
-
 
 class Terms(NamedTuple):
     """The 17 terms of one clip, or their weights; local is relative to the parent, joint 0's to the world."""
@@ -106,9 +104,11 @@ def kl(style: StyleDistribution) -> Float[Array, ""]:
     return -0.5 * jnp.mean(1.0 + style.log_var - style.mean**2 - jnp.exp(style.log_var))
 
 
-def kl_weight(step: ArrayLike) -> Float[Array, ""]:
-    """Annealed weight of the divergence at update `step`: a sigmoid about 7,500, at most 0.2 (from 7,223 on)."""
-    return jnp.minimum(jax.nn.sigmoid(0.005 * (jnp.asarray(step, jnp.float32) - 7500.0)), KL_LIMIT)
+def kl_weight(
+    step: ArrayLike, limit: ArrayLike = 0.2, middle: ArrayLike = 7500.0, slope: ArrayLike = 0.005
+) -> Float[Array, ""]:
+    """Annealed weight of the divergence at update `step`: a sigmoid, capped (released: at 0.2, from 7,223 on)."""
+    return jnp.minimum(jax.nn.sigmoid(slope * (jnp.asarray(step, jnp.float32) - middle)), limit)
 
 
 def total(terms: Terms, divergence: ArrayLike) -> Float[Array, ""]:

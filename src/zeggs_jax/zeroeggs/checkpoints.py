@@ -1,0 +1,75 @@
+"""A Model on disk: parameters and scales as arrays, config and skeleton as metadata of one checkpoint."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from ..data.scale import Scale, Scales
+from ..motion.skeleton import Roles, Skeleton
+from ..training import checkpoint, loop
+from .config import ZeroEggsConfig, from_dict, to_dict
+from .model import Model, Params, check_params
+
+
+def save_model(path: str | Path, model: Model, dtype: str = "float32") -> str:
+    """Write a model to folder `path` and return its digest; dtype 'float16' halves the size of the parameters."""
+    params = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), model.params)
+    tree = {"params": params, "scales": model.scales._asdict()}
+    return checkpoint.save(path, tree, describe(model.config, model.skeleton))
+
+
+def load_model(path: str | Path) -> Model:
+    """The model in folder `path`: one that `save_model` wrote, a checkpoint of a training run, or a whole run.
+
+    Of a run, the newest checkpoint is taken. Parameters are float32 numpy arrays. FileNotFoundError: nothing
+    there; ValueError: damaged, not a model, or parameters that do not fit the stored config.
+    """
+    path = newest(path)
+    tree, metadata = checkpoint.load(path)
+    try:
+        config = from_dict(ZeroEggsConfig, metadata["model"], f"config of checkpoint '{path}'")
+        scales = Scales(**{name: Scale(**part) for name, part in tree["scales"].items()})
+        skeleton = _skeleton(metadata["skeleton"])
+        params: Params = tree["params"]
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"checkpoint '{path}' is not a ZeroEGGS model: {error} is missing.") from error
+    params = jax.tree.map(lambda leaf: np.asarray(leaf, np.float32), params)
+    try:
+        check_params(params, config)
+    except ValueError as error:
+        raise ValueError(f"checkpoint '{path}' is of another config: {error}") from error
+    return Model(config, params, scales, skeleton)
+
+
+def newest(path: str | Path) -> Path:
+    """`path` itself, or the newest checkpoint of the training run there."""
+    path = Path(path)
+    if (path / "checkpoints").is_dir() and not checkpoint.is_checkpoint(path):
+        found = loop.checkpoints(path)
+        if not found:
+            raise ValueError(f"run '{path}' has no finished checkpoint yet: let it train longer.")
+        return found[-1]
+    return path
+
+
+def describe(config: ZeroEggsConfig, skeleton: Skeleton) -> dict[str, Any]:
+    """The metadata of a model's checkpoint."""
+    assert skeleton.roles is not None
+    return {
+        "model": to_dict(config),
+        "skeleton": {
+            "names": list(skeleton.names),
+            "parents": list(skeleton.parents),
+            "offsets": np.asarray(skeleton.offsets, np.float64).tolist(),
+            "roles": asdict(skeleton.roles),
+        },
+    }
+
+
+def _skeleton(data: Mapping[str, Any]) -> Skeleton:
+    roles = Roles(**data["roles"])
+    return Skeleton(tuple(data["names"]), tuple(data["parents"]), np.array(data["offsets"]), roles)

@@ -1,0 +1,224 @@
+"""Training of ZeroEGGS (Sec. 4): speech, a style example and the first pose in, closed loop, Eq. 2 out.
+
+RUN holds config.json, log.jsonl (every term of Eq. 2) and checkpoints/step_*; `load_model(RUN)` reads the newest.
+The same call on the same folder goes on from there, with the numbers of a run that was never stopped.
+"""
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..data import prepare as data
+from ..data import windows
+from ..data.prepare import Prepared
+from ..data.scale import Scales
+from ..data.windows import Batch, WindowConfig
+from ..training import checkpoint, loop
+from ..training.loop import Metrics, TrainState
+from ..training.optimiser import radam, stepped_rate
+from . import losses
+from .checkpoints import describe
+from .config import ZeroEggsConfig, from_dict, to_dict
+from .losses import Terms
+from .model import Params, StyleDistribution, decode, encode_speech, encode_style, init, reparameterise
+
+LENGTHS = ("steps", "log_every", "checkpoint_every", "keep")  # settings that a resumed run may change
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """All settings of a run; the defaults are the paper's, as released (v1)."""
+
+    model: ZeroEggsConfig = field(default_factory=ZeroEggsConfig)  # joints and frame time come from the corpus
+    windows: WindowConfig = field(default_factory=WindowConfig)
+    steps: int = 160_000
+    learning_rate: float = 1e-4
+    decay: float = 0.995  # of the learning rate, after each 1,000 updates
+    eps: float = 1e-5
+    kl_limit: float = 0.2
+    kl_middle: float = 7500.0  # update at which the annealing of the divergence would reach 1/2
+    kl_slope: float = 0.005  # per update
+    seed: int = 1234
+    log_every: int = 10
+    checkpoint_every: int = 5000
+    keep: int = 3
+
+
+class Draws(NamedTuple):
+    """The randomness in one clip's loss."""
+
+    style: Float[Array, " Z"]  # normal draw of the reparameterisation
+    speech_dropout: Array | None  # keys; None: no dropout
+    style_dropout: Array | None
+
+
+class Setting(NamedTuple):
+    """What the loss needs besides parameters and data; fixed for a run."""
+
+    config: TrainConfig
+    scales: Scales
+    parents: tuple[int, ...]
+
+
+def draw(key: Array, config: ZeroEggsConfig) -> Draws:
+    """The randomness of one clip."""
+    noise, speech, style = jax.random.split(key, 3)
+    return Draws(jax.random.normal(noise, (config.style_size,)), speech, style)
+
+
+def clip_loss(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tuple[Terms, Array]:
+    """The weighted terms of one clip (a Batch without its leading axis) and its style's KL divergence."""
+    config, scales = setting.config.model, setting.scales
+    speech = encode_speech(params, config, scales, clip.speech, draws.speech_dropout)
+    if config.labels:
+        style = StyleDistribution(jax.nn.one_hot(clip.label, len(config.labels)), None)
+    else:
+        style = encode_style(params, config, scales, clip.example, clip.example_length, draws.style_dropout)
+    drawn = reparameterise(style, draws.style)
+    frames = speech.shape[0]
+    first = jax.tree.map(lambda a: a[0], clip.poses)
+    hold = partial(jnp.broadcast_to, shape=(frames, drawn.shape[0]))
+    gaze = jnp.broadcast_to(clip.gaze, (frames, 3))
+    predicted = decode(params, config, scales, first, speech, hold(drawn), gaze)
+    terms = losses.reconstruction(predicted, clip.poses, gaze, setting.parents, config.frame_time)
+    return terms, losses.kl(style)
+
+
+def batch_loss(
+    params: Params, batch: Batch, draws: Draws, step: Array, setting: Setting
+) -> tuple[Array, Metrics]:
+    """ZeroEGGS Eq. 2 over a batch, and its terms with their weights; `step` counts the updates done before."""
+    config = setting.config
+    terms, divergence = jax.vmap(partial(clip_loss, setting=setting), in_axes=(None, 0, 0))(params, batch, draws)
+    terms = jax.tree.map(jnp.mean, terms)
+    weight = losses.kl_weight(step, config.kl_limit, config.kl_middle, config.kl_slope)
+    weighted = weight * jnp.mean(divergence)
+    return losses.total(terms, weighted), {**terms._asdict(), "kl": weighted}
+
+
+def loss_fn(setting: Setting) -> loop.LossFn:
+    """The loss with its randomness drawn from a key."""
+
+    def loss(params: Params, batch: Batch, key: Array, step: Array) -> tuple[Array, Metrics]:
+        keys = jax.random.split(key, batch.label.shape[0])
+        draws = jax.vmap(partial(draw, config=setting.config.model))(keys)
+        return batch_loss(params, batch, draws, step, setting)
+
+    return loss
+
+
+def optimiser(config: TrainConfig) -> Any:
+    """The release's RAdam with its learning-rate steps."""
+    return radam(stepped_rate(config.learning_rate, config.decay), eps=config.eps)
+
+
+def train(
+    folder: str | Path, out: str | Path, config: TrainConfig = TrainConfig(), progress: bool = True
+) -> TrainState:
+    """Train on the prepared corpus in `folder` (see data/prepare.py), writing the run to folder `out`.
+
+    Goes on where the run in `out` stopped. ValueError when it was started with other settings or on another
+    corpus, when a label model's labels are not the corpus's styles, or when the loss is no longer finite;
+    KeyboardInterrupt after Ctrl-C, with all work saved.
+    """
+    prepared, out = data.load(folder), Path(out)
+    config = fit_config(config, prepared)
+    corpus = hashlib.sha256((Path(folder) / "manifest.json").read_bytes()).hexdigest()
+    metadata = {**describe(config.model, prepared.skeleton), "training": to_dict(config), "corpus": corpus}
+    setting, transform = Setting(config, prepared.scales, prepared.skeleton.parents), optimiser(config)
+    state = jax.eval_shape(lambda: loop.begin(init(jax.random.key(0), config.model), transform))
+    if found := loop.checkpoints(out):
+        _check_same(found[-1], metadata, out)
+        state = _load(found[-1], state, prepared.scales)
+    else:
+        state = loop.begin(init(jax.random.key(config.seed), config.model), transform)
+    _write_json(out / "config.json", to_dict(config))
+    return loop.fit(
+        state,
+        loop.make_step(loss_fn(setting), transform, config.seed),
+        lambda k: windows.batch(prepared, config.seed, k, config.windows),
+        out,
+        loop.Plan(config.steps, config.log_every, config.checkpoint_every, config.keep),
+        lambda path, state: checkpoint.save(path, _tree(state, prepared.scales), metadata),
+        progress,
+    )
+
+
+def read_config(path: str | Path) -> TrainConfig:
+    """TrainConfig from a JSON file; keys left out keep their defaults, an unknown key is a ValueError."""
+    try:
+        return from_dict(TrainConfig, json.loads(Path(path).read_text(encoding="utf-8")), f"'{path}'")
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise ValueError(f"'{path}' is not JSON ({error}); write the settings as one JSON object.") from error
+
+
+def prepared(corpus: str | Path, out: str | Path) -> Path:
+    """The folder of arrays to train on: `corpus` if it is prepared, else OUT/prepared, made if need be."""
+    corpus, folder = Path(corpus), Path(out) / "prepared"
+    if (corpus / "manifest.json").exists():
+        return corpus
+    if not (folder / "manifest.json").exists():
+        data.prepare(corpus, folder)
+    return folder
+
+
+def fit_config(config: TrainConfig, prepared: Prepared) -> TrainConfig:
+    """The config with the corpus's joints, frame time and number of speech features."""
+    model = config.model
+    if model.labels and model.labels != prepared.styles:
+        raise ValueError(
+            f"the config has labels {', '.join(model.labels)}; the corpus has styles {', '.join(prepared.styles)}: "
+            "they must be the same, in this order."
+        )
+    speech = dataclasses.replace(model.speech, features=prepared.speech.shape[1])
+    joints = len(prepared.skeleton)
+    model = dataclasses.replace(model, joints=joints, frame_time=prepared.frame_time, speech=speech)
+    return dataclasses.replace(config, model=model)
+
+
+def _check_same(checkpoint_path: Path, given: dict[str, Any], out: Path) -> None:
+    """ValueError naming the first setting in which the run's newest checkpoint differs from what is `given`."""
+    started = checkpoint.metadata(checkpoint_path)
+    before, now = _flat(started.get("training", {})), _flat(given["training"])
+    for name in [*now, *before]:
+        if before.get(name) != now.get(name) and name not in LENGTHS:
+            raise ValueError(
+                f"run '{out}' was started with {name} = {before.get(name)}, now it is {now.get(name)}: resume with "
+                "the same settings, or choose another folder."
+            )
+    if started.get("corpus") != given["corpus"]:
+        raise ValueError(
+            f"run '{out}' was started on another corpus: resume with the same one, or choose another folder."
+        )
+
+
+def _flat(config: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat = {}
+    for name, value in config.items():
+        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+    return flat
+
+
+def _tree(state: TrainState, scales: Scales) -> dict[str, Any]:
+    return {**state._asdict(), "scales": scales._asdict()}
+
+
+def _load(path: Path, like: TrainState, scales: Scales) -> TrainState:
+    """The state in a checkpoint, which must have the shapes of `like`."""
+    tree, _ = checkpoint.load(path, _tree(like, scales))
+    return TrainState(*(jax.tree.map(jnp.asarray, tree[name]) for name in TrainState._fields))
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial_file = path.with_name(f".{path.name}.partial")
+    partial_file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    partial_file.replace(path)
