@@ -1,4 +1,4 @@
-"""Golden case `dataset`: the data pipeline as released (arrays, statistics, trimmed files), training windows."""
+"""Golden case `dataset`: the data pipeline as released (arrays, statistics, trimmed files), and windows."""
 
 import shutil
 import tempfile

@@ -35,17 +35,21 @@ def add_pair(folder: Path, name: str, frames: int, seed: int = 0, rate_hz: float
     wav.write(path.with_suffix(".wav"), noise)
 
 
-@pytest.fixture
-def corpus_folder(tmp_path: Path) -> Path:
+def add_corpus(folder: Path) -> Path:
     """Three styles in subfolders; `calm` has four clips, so its last one is for validation."""
-    folder = tmp_path / "corpus"
-    for seed, (name, frames) in enumerate(
-        {"calm/a": 40, "calm/b": 55, "calm/c": 30, "calm/d": 45, "angry/a": 70, "old/x": 26}.items()
-    ):
-        add_pair(folder, name, frames, seed)
+    frames = {"calm/a": 40, "calm/b": 55, "calm/c": 30, "calm/d": 45, "angry/a": 70, "old/x": 26}
+    for seed, name in enumerate(frames):
+        add_pair(folder, name, frames[name], seed)
     return folder
 
 
 @pytest.fixture
-def prepared(corpus_folder: Path, tmp_path: Path) -> Prepared:
-    return prepare(corpus_folder, tmp_path / "arrays")
+def corpus_folder(tmp_path: Path) -> Path:
+    return add_corpus(tmp_path / "corpus")
+
+
+@pytest.fixture(scope="session")
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
+    """The same corpus, prepared once; not to be written to."""
+    folder = tmp_path_factory.mktemp("prepared")
+    return prepare(add_corpus(folder / "corpus"), folder / "arrays")

@@ -1,6 +1,7 @@
 """Prepared corpora: what goes in comes out, statistics are those of the arrays, bad clips are named."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -162,9 +163,9 @@ def test_a_corpus_needs_training_clips(tmp_path):
 
 
 @pytest.mark.parametrize("file", ["manifest.json", "pose.npy", "scales.npz"])
-def test_a_damaged_folder_is_refused(prepared: Prepared, file):
-    path = prepared.folder / file
-    path.write_bytes(path.read_bytes()[:100])
+def test_a_damaged_folder_is_refused(prepared: Prepared, tmp_path, file):
+    folder = shutil.copytree(prepared.folder, tmp_path / "copy")
+    (folder / file).write_bytes((folder / file).read_bytes()[:100])
     with pytest.raises(ValueError, match="is damaged") as caught:
-        load(prepared.folder)
+        load(folder)
     assert "\n" not in str(caught.value)

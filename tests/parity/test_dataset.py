@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from parity import dataset
-
 from zeggs_jax.data import takes
 
 GOLDEN = Path(__file__).parents[1] / "golden"

@@ -50,6 +50,13 @@ def test_frames_behind_the_speech_repeat_its_last():
     np.testing.assert_array_equal(rows[70:], np.repeat(rows[70:71], 30, axis=0))
 
 
+def test_long_recordings_are_taken_in_pieces(monkeypatch):
+    wave = noise(48000)
+    whole = features.extract(wave)
+    monkeypatch.setattr(features, "BLOCK", 37)
+    np.testing.assert_array_equal(features.extract(wave), whole)
+
+
 def test_silence_is_at_the_floor():
     rows = features.extract(np.zeros(16000, np.float32))
     np.testing.assert_array_equal(rows[:, :80], 0)

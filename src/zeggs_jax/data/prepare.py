@@ -55,7 +55,7 @@ def prepare(folder: str | Path, out: str | Path, config: PrepareConfig = Prepare
     clips: list[dict[str, Any]] = []
     with ExitStack() as stack:
         files = {name: stack.enter_context(_ArrayFile(out / f"{name}.npy")) for name in ARRAYS}
-        for entry in tqdm(entries, desc="preparing", unit="clip"):
+        for entry in tqdm(entries, desc="preparing", unit="clip", disable=None):
             for take in takes(entry, pace, rate_hz, config.centre, config.as_released):
                 made = made or [take]
                 _check_alike(made[0], take)

@@ -46,7 +46,7 @@ def takes(
         if factor != 1.0:
             paced, paced_wave = edit.retime(clip, factor), wav.retime(wave, factor).astype(np.float32)
         if len(pace) > 1:
-            name = f"{entry.name}_x_{factor:.1f}".replace(".", "_")
+            name = f"{entry.name}_x_" + str(float(factor)).replace(".", "_")
         if centre:
             paced = edit.centre(paced, as_released=as_released)
         yield Take(name, entry, paced, paced_wave)

@@ -9,6 +9,8 @@ from jaxtyping import Float, Float32
 
 from zeggs_jax.speech import wav
 
+BLOCK = 4096  # spectrogram frames at a time, so that an hour of speech fits into memory
+
 
 @dataclass(frozen=True)
 class SpeechFeatureConfig:
@@ -80,7 +82,10 @@ def log_mel(wave: Float[ArrayLike, " n"], config: SpeechFeatureConfig = RELEASED
     The paper says log mel amplitude; the release takes the dB already mapped to [0, 1] for dB and so scales
     it by ln(10) / 20 (range [0, 0.115]). We follow the release.
     """
-    return np.log(10.0) / 20.0 * decibels(amplitude(wave, config) @ mel_basis(config).T, config)
+    framed, basis = _frames(wave, config), mel_basis(config).T
+    blocks = [framed[start : start + BLOCK] for start in range(0, len(framed), BLOCK)]
+    mel = np.concatenate([_magnitude(block, config) @ basis for block in blocks])
+    return np.log(10.0) / 20.0 * decibels(mel, config)
 
 
 def energy(log_mels: Float[np.ndarray, "F M"]) -> Float[np.ndarray, " F"]:
@@ -92,11 +97,19 @@ def amplitude(
     wave: Float[ArrayLike, " n"], config: SpeechFeatureConfig = RELEASED
 ) -> Float[np.ndarray, "F K"]:
     """Spectrogram |rfft| / window, symmetric Hann window, centred frames, reflected edges; float64."""
+    return _magnitude(_frames(wave, config), config)
+
+
+def _frames(wave: Float[ArrayLike, " n"], config: SpeechFeatureConfig) -> Float[np.ndarray, "F W"]:
+    """The pieces of the wave that the spectrogram sees, as a view."""
     wave = np.asarray(wave, np.float64)
     wave = np.pad(wave, (0, max(0, config.window - wave.size)))
     count = -(-wave.size // config.hop)
     padded = np.pad(wave, config.window // 2, mode="reflect")
-    framed = np.lib.stride_tricks.sliding_window_view(padded, config.window)[:: config.hop][:count]
+    return np.lib.stride_tricks.sliding_window_view(padded, config.window)[:: config.hop][:count]
+
+
+def _magnitude(framed: Float[np.ndarray, "F W"], config: SpeechFeatureConfig) -> Float[np.ndarray, "F K"]:
     return np.abs(np.fft.rfft(framed * hann(config.window), axis=1)) / config.window
 
 
