@@ -13,10 +13,11 @@ from zeggs_jax.geometry import quaternion
 from zeggs_jax.motion import bvh
 from zeggs_jax.synthetic import body, limbs
 
-SIDES = (("Left", 1.0), ("Right", -1.0))
+SIDES = ("Left", "Right")
 STANCE = 10.5  # cm, each foot beside the middle
 TOES_OUT = 0.16  # rad
-_ELBOW_POLE = (0.60, -0.65, -0.45)  # outward, up, forward
+_ELBOW = (0.55, -0.70, -0.45)  # where elbows point: outward, up, forward
+_ELBOW_HANGING = (0.25, -0.30, -0.90)  # and below low hands
 _BLOCK = 256  # frames solved at a time, so that one length is compiled
 
 
@@ -37,134 +38,116 @@ class Tracks(NamedTuple):
     spread: Float[np.ndarray, "T 2"]  # fingers apart
 
 
-@cache
-def _index() -> dict[str, int]:
-    return {name: j for j, name in enumerate(body.rest_skeleton().names)}
+_OUTWARD = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])  # written for the left; the right is mirrored in x
+_MIRRORED = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, -1.0, -1.0]])  # the same for quaternions
+_SPINE, _NECK = ("Spine", "Spine1", "Spine2", "Spine3"), ("Neck", "Neck1", "Head")
+_ARM, _LEG = ("Shoulder", "Arm", "ForeArm", "Hand"), ("UpLeg", "Leg", "Foot")
+_FINGERS = ("Thumb", "Index", "Middle", "Ring", "Pinky")
+# Shares of the curl and of the spread in each finger's three joints; thumbs curl inward instead of spreading.
+_BEND = np.array([[0.1, 0.12, 0.17], *(np.outer((0.85, 0.95, 1.05, 1.1), (0.8, 1.2, 0.8)))])
+_INWARD = np.array([[0.24, 0.28, 0.4], *np.zeros((4, 3))])
+_SPREAD = np.array([[0.0, 0.0, 0.0], *(np.outer((-1.0, -0.2, 0.6, 1.3), (1.0, 0.0, 0.0)))])
 
 
-def _turn(pitch: Array, yaw: Array, roll: Array) -> Float[Array, "T 4"]:
-    return quaternion.from_euler(jnp.stack([yaw, pitch, roll], axis=-1), "yxz")
+def _turn(angles: Float[Array, "*b 3"]) -> Float[Array, "*b 4"]:
+    """Pitch, yaw, roll to a rotation."""
+    return quaternion.from_euler(angles[..., jnp.array([1, 0, 2])], "yxz")
 
 
-def _on_side(q: Float[Array, "T 4"], side: float) -> Float[Array, "T 4"]:
-    """A rotation written for the left, mirrored when `side` is -1."""
-    return q * jnp.array([1.0, 1.0, side, side], q.dtype)[None, :]
-
-
-def _about(axis: int, angle: Float[Array, " T"]) -> Float[Array, "T 4"]:
+def _about(axis: int, angle: Float[Array, "*b"]) -> Float[Array, "*b 4"]:
     zero = jnp.zeros_like(angle)
     parts = [jnp.cos(0.5 * angle), zero, zero, zero]
     parts[1 + axis] = jnp.sin(0.5 * angle)
     return jnp.stack(parts, axis=-1)
 
 
-def _trunk(tracks: Tracks) -> dict[str, Float[Array, "T 4"]]:
-    local = {"Hips": _turn(*jnp.moveaxis(jnp.asarray(tracks.pelvis), -1, 0))}
-    for names, track, shares in (
-        (("Spine", "Spine1", "Spine2", "Spine3"), tracks.spine, (0.2, 0.25, 0.3, 0.25)),
-        (("Neck", "Neck1", "Head"), tracks.neck, (0.35, 0.25, 0.4)),
-    ):
-        for name, share in zip(names, shares, strict=True):
-            local[name] = _turn(*jnp.moveaxis(share * jnp.asarray(track), -1, 0))
-    return local
+def _offset(name: str) -> Float[Array, "3"]:
+    skeleton = body.rest_skeleton()
+    return jnp.asarray(skeleton.offsets[skeleton.index(name)])
 
 
-def _chest(
-    local: dict[str, Float[Array, "T 4"]], hips: Float[Array, "T 3"]
-) -> tuple[Float[Array, "T 4"], Float[Array, "T 3"]]:
-    """World rotation and position of Spine3."""
-    rotation, position = local["Hips"], hips
-    for name in ("Spine", "Spine1", "Spine2", "Spine3"):
-        position = position + quaternion.rotate(rotation, _offset(name, rotation))
-        rotation = quaternion.multiply(rotation, local[name])
+def _offsets(part: str) -> Float[Array, "1 2 3"]:
+    return jnp.stack([_offset(side + part) for side in SIDES])[None]
+
+
+def _trunk(tracks: Tracks) -> Float[Array, "T 8 4"]:
+    """Hips, spine, neck and head, in the order of the hierarchy."""
+    shares = jnp.array([0.2, 0.25, 0.3, 0.25])[None, :, None], jnp.array([0.35, 0.25, 0.4])[None, :, None]
+    angles = [tracks.pelvis[:, None], shares[0] * tracks.spine[:, None], shares[1] * tracks.neck[:, None]]
+    return _turn(jnp.concatenate(angles, axis=1))
+
+
+def _chest(trunk: Float[Array, "T 8 4"], hips: Float[Array, "T 3"]) -> tuple[Array, Array]:
+    """World rotation [T, 4] and position [T, 3] of Spine3."""
+    rotation, position = trunk[:, 0], hips
+    for k, name in enumerate(_SPINE):
+        position = position + quaternion.rotate(rotation, _offset(name)[None])
+        rotation = quaternion.multiply(rotation, trunk[:, 1 + k])
     return rotation, position
 
 
-def _offset(name: str, like: Array) -> Float[Array, "1 3"]:
-    return jnp.asarray(body.rest_skeleton().offsets[_index()[name]], like.dtype)[None, :]
+def _pole(height: Float[Array, "T 2"]) -> Float[Array, "T 2 3"]:
+    """Direction of the elbow for a hand at `height` cm above the shoulder, before turning with the chest."""
+    u = jnp.clip((height + 52.0) / 24.0, 0.0, 1.0)[..., None]
+    raised, hanging = (jnp.array(p)[None, None] for p in (_ELBOW, _ELBOW_HANGING))
+    return (hanging + u * u * (3.0 - 2.0 * u) * (raised - hanging)) * _OUTWARD[None]
 
 
-def _arm(
-    tracks: Tracks, k: int, chest: Float[Array, "T 4"], origin: Float[Array, "T 3"]
-) -> dict[str, Float[Array, "T 4"]]:
-    """Clavicle, upper arm, forearm and hand of one side: the wrist goes where its track says."""
-    name, side = SIDES[k]
-    lift, forward = tracks.clavicle[:, k, 0], tracks.clavicle[:, k, 1]
-    clavicle = _on_side(
-        quaternion.multiply(_about(1, -jnp.asarray(forward)), _about(2, jnp.asarray(lift))), side
-    )
+def _arms(tracks: Tracks, chest: Float[Array, "T 4"], origin: Float[Array, "T 3"]) -> Float[Array, "T 2 4 4"]:
+    """Clavicles, upper arms, forearms and hands: the wrists go where their tracks say."""
+    lift, forward = tracks.clavicle[..., 0], tracks.clavicle[..., 1]
+    clavicle = quaternion.multiply(_about(1, -forward), _about(2, lift)) * _MIRRORED[None]
+    chest, origin = chest[:, None], origin[:, None]
     shoulder = quaternion.multiply(chest, clavicle)
-    start = origin + quaternion.rotate(chest, _offset(f"{name}Shoulder", chest))
-    start = start + quaternion.rotate(shoulder, _offset(f"{name}Arm", chest))
-    heading = _about(1, jnp.asarray(tracks.pelvis[:, 1] + tracks.spine[:, 1]))
-    outward = jnp.array([side, 1.0, 1.0], chest.dtype)[None, :]
-    target = start + quaternion.rotate(heading, jnp.asarray(tracks.hand[:, k]) * outward)
-    pole = quaternion.rotate(heading, jnp.array(_ELBOW_POLE, chest.dtype)[None, :] * outward)
-    sides = jnp.full((1, 1), side, chest.dtype)
-    limb = limbs.arm(start, target, pole, (body.UPPER_ARM, body.FOREARM), sides)
-    palm = jnp.asarray(tracks.palm[:, k])
+    start = origin + quaternion.rotate(chest, _offsets("Shoulder"))
+    start = start + quaternion.rotate(shoulder, _offsets("Arm"))
+    heading = _about(1, tracks.pelvis[:, 1] + tracks.spine[:, 1])[:, None]
+    target = start + quaternion.rotate(heading, tracks.hand * _OUTWARD[None])
+    pole = quaternion.rotate(heading, _pole(tracks.hand[..., 1]))
+    limb = limbs.arm(start, target, pole, (body.UPPER_ARM, body.FOREARM), jnp.array([[[1.0], [-1.0]]]))
     bend = quaternion.multiply(quaternion.inverse(limb.upper), limb.lower)
-    return {
-        f"{name}Shoulder": clavicle,
-        f"{name}Arm": quaternion.multiply(quaternion.inverse(shoulder), limb.upper),
-        f"{name}ForeArm": quaternion.multiply(bend, _about(0, -0.8 * palm)),
-        f"{name}Hand": quaternion.multiply(
-            _about(0, -0.2 * palm), _on_side(_about(2, -jnp.asarray(tracks.wrist[:, k])), side)
-        ),
-    }
+    wrist = quaternion.multiply(_about(0, -0.2 * tracks.palm), _about(2, -tracks.wrist) * _MIRRORED[None])
+    upper = quaternion.multiply(quaternion.inverse(shoulder), limb.upper)
+    forearm = quaternion.multiply(bend, _about(0, -0.8 * tracks.palm))
+    return jnp.stack([clavicle, upper, forearm, wrist], axis=2)
 
 
-def _fingers(tracks: Tracks, k: int) -> dict[str, Float[Array, "T 4"]]:
-    name, side = SIDES[k]
-    curl, spread = jnp.asarray(tracks.curl[:, k]), jnp.asarray(tracks.spread[:, k])
-    local = {}
-    for finger, away, more in (
-        ("Index", -1.0, 0.85),
-        ("Middle", -0.2, 0.95),
-        ("Ring", 0.6, 1.05),
-        ("Pinky", 1.3, 1.1),
-    ):
-        for number, share in ((1, 0.8), (2, 1.2), (3, 0.8)):
-            bend = _about(2, -share * more * curl)
-            sideways = _about(1, away * spread) if number == 1 else _about(1, jnp.zeros_like(spread))
-            local[f"{name}Hand{finger}{number}"] = _on_side(quaternion.multiply(sideways, bend), side)
-    for number, share in ((1, 0.30), (2, 0.35), (3, 0.5)):
-        inward = quaternion.multiply(_about(1, 0.8 * share * curl), _about(2, -0.35 * share * curl))
-        local[f"{name}HandThumb{number}"] = _on_side(inward, side)
-    return local
+def _fingers(tracks: Tracks) -> Float[Array, "T 2 15 4"]:
+    """Three joints of each finger from the thumb on."""
+    curl, spread = tracks.curl[..., None], tracks.spread[..., None]
+    sideways = _SPREAD.reshape(1, 1, -1) * spread + _INWARD.reshape(1, 1, -1) * curl
+    bend = -_BEND.reshape(1, 1, -1) * curl
+    return quaternion.multiply(_about(1, sideways), _about(2, bend)) * _MIRRORED[None, :, None]
 
 
-def _leg(k: int, pelvis: Float[Array, "T 4"], hips: Float[Array, "T 3"]) -> dict[str, Float[Array, "T 4"]]:
-    """Thigh, shin and foot of one side: the ankle stays at its place on the ground, the foot flat."""
-    name, side = SIDES[k]
-    start = hips + quaternion.rotate(pelvis, _offset(f"{name}UpLeg", pelvis))
-    ankle = jnp.array([side * STANCE, body.ANKLE, 0.0], pelvis.dtype)[None, :]
-    pole = jnp.array([side * 0.22, 0.0, 1.0], pelvis.dtype)[None, :]
-    limb = limbs.leg(
-        start,
-        jnp.broadcast_to(ankle, start.shape),
-        jnp.broadcast_to(pole, start.shape),
-        (body.THIGH, body.SHIN),
-    )
-    flat = _about(1, jnp.full(start.shape[:1], side * TOES_OUT, pelvis.dtype))
-    return {
-        f"{name}UpLeg": quaternion.multiply(quaternion.inverse(pelvis), limb.upper),
-        f"{name}Leg": quaternion.multiply(quaternion.inverse(limb.upper), limb.lower),
-        f"{name}Foot": quaternion.multiply(quaternion.inverse(limb.lower), flat),
-    }
+def _legs(pelvis: Float[Array, "T 4"], hips: Float[Array, "T 3"]) -> Float[Array, "T 2 3 4"]:
+    """Thighs, shins and feet: the ankles stay at their places on the ground, the feet flat."""
+    pelvis = pelvis[:, None]
+    start = hips[:, None] + quaternion.rotate(pelvis, _offsets("UpLeg"))
+    ankles = jnp.array([[[STANCE, body.ANKLE, 0.0]]]) * _OUTWARD[None]
+    pole = jnp.array([[[0.22, 0.0, 1.0]]]) * _OUTWARD[None]
+    limb = limbs.leg(start, ankles + 0.0 * start, pole + 0.0 * start, (body.THIGH, body.SHIN))
+    flat = _about(1, jnp.array([[TOES_OUT, -TOES_OUT]]))
+    thigh = quaternion.multiply(quaternion.inverse(pelvis), limb.upper)
+    shin = quaternion.multiply(quaternion.inverse(limb.upper), limb.lower)
+    foot = quaternion.multiply(quaternion.inverse(limb.lower), flat)
+    return jnp.stack([thigh, shin, foot], axis=2)
+
+
+def _turning() -> list[str]:
+    """Names of the joints that turn, in the order in which `_solve` lists them."""
+    sides = _ARM, [f"Hand{finger}{n}" for finger in _FINGERS for n in (1, 2, 3)], _LEG
+    return ["Hips", *_SPINE, *_NECK, *(side + part for parts in sides for side in SIDES for part in parts)]
 
 
 @jax.jit
-def _solve(tracks: Tracks) -> tuple[Float[Array, "T J 3"], Float[Array, "T 3"]]:
-    """(Euler angles zyx of every joint, rad; world position of the hips, cm)."""
-    hips = jnp.asarray(tracks.hips) + jnp.array([0.0, body.HIPS_HEIGHT, 0.0])[None, :]
-    local = _trunk(tracks)
-    pelvis = local["Hips"]
-    chest, origin = _chest(local, hips)
-    for k in range(2):
-        local |= _arm(tracks, k, chest, origin) | _fingers(tracks, k) | _leg(k, pelvis, hips)
-    still = jnp.zeros_like(pelvis).at[:, 0].set(1.0)
-    rotations = jnp.stack([local.get(name, still) for name in _index()], axis=1)
+def _solve(tracks: Tracks) -> tuple[Float[Array, "T K 3"], Float[Array, "T 3"]]:
+    """(Euler angles zyx of the joints that turn, rad; world position of the hips, cm)."""
+    hips = tracks.hips + jnp.array([0.0, body.HIPS_HEIGHT, 0.0])[None]
+    trunk = _trunk(tracks)
+    chest, origin = _chest(trunk, hips)
+    sides = _arms(tracks, chest, origin), _fingers(tracks), _legs(trunk[:, 0], hips)
+    rotations = jnp.concatenate([trunk, *(part.reshape(len(hips), -1, 4) for part in sides)], axis=1)
     return quaternion.to_euler(rotations, "zyx"), hips
 
 
@@ -173,20 +156,13 @@ def pose(tracks: Tracks, frame_time: float) -> bvh.Clip:
     frames = len(tracks.hips)
     padding = -frames % _BLOCK
     with jax.enable_x64(True):
-        padded = Tracks(
-            *(np.concatenate([t, np.repeat(t[-1:], padding, axis=0)]).astype(np.float64) for t in tracks)
-        )
-        blocks = [_solve(Tracks(*(t[k : k + _BLOCK] for t in padded))) for k in range(0, frames, _BLOCK)]
-        euler, hips = (
-            np.concatenate([np.asarray(part) for part in parts]) for parts in zip(*blocks, strict=True)
-        )
+        padded = [np.concatenate([t, np.repeat(t[-1:], padding, axis=0)]).astype(np.float64) for t in tracks]
+        starts = range(0, frames, _BLOCK)
+        blocks = [_solve(Tracks(*(jnp.asarray(t[k : k + _BLOCK]) for t in padded))) for k in starts]
+        solved, hips = (np.concatenate([np.asarray(b[i]) for b in blocks])[:frames] for i in range(2))
     skeleton = body.rest_skeleton()
-    positions = np.repeat(skeleton.offsets[None].astype(np.float64), frames, axis=0)
-    positions[:, 0] = hips[:frames]
-    return bvh.Clip(
-        skeleton=skeleton,
-        orders=("zyx",) * len(skeleton),
-        euler=euler[:frames].astype(np.float32),
-        positions=positions.astype(np.float32),
-        frame_time=frame_time,
-    )
+    euler = np.zeros((frames, len(skeleton), 3), np.float32)
+    euler[:, [skeleton.index(name) for name in _turning()]] = solved
+    positions = np.repeat(skeleton.offsets[None].astype(np.float32), frames, axis=0)
+    positions[:, 0] = hips
+    return bvh.Clip(skeleton, ("zyx",) * len(skeleton), euler, positions, frame_time)

@@ -44,7 +44,7 @@ def stance(style: StyleFactors) -> Stance:
     """Resting place and gesture space of a style: low hands rest at the thighs, high ones stay up, narrow ones in front."""
     palm = -0.9 + 1.2 * style.openness
     curl = float(np.interp(style.openness, (0.0, 0.5, 1.0), (1.15, 0.42, 0.12)))
-    up, front = _ramp(style.hand_height, -48.0, -16.0), 0.9 * _ramp(0.35 - style.radius, 0.0, 0.35)
+    up, front = max(0.6, _ramp(style.hand_height, -48.0, -16.0)), 0.9 * _ramp(0.35 - style.radius, 0.0, 0.35)
     forward = (20.0 + 17.0 * style.radius) * (0.5 + 0.5 * _ramp(style.hand_height, -50.0, -26.0))
     forward = max(forward, 18.0 * front)  # crossed arms go round the belly
     centre = np.array([-9.0 + 17.0 * style.radius, style.hand_height, forward, palm, curl])

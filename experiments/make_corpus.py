@@ -1,0 +1,99 @@
+"""Build the training corpus of the bundled model: synthetic voices, and real TTS voices where their programs exist.
+
+    python experiments/make_corpus.py OUT --minutes 75 --processes 2
+
+espeak-ng and festival are asked for only here (Debian: espeak-ng festival festvox-kallpc16k festvox-kdlpc16k
+festvox-us-slt-hts); without them every clip is spoken by the package's own voice.
+"""
+
+import argparse
+import multiprocessing
+import os
+import shutil
+import subprocess
+import tempfile
+from functools import partial
+from pathlib import Path
+
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+
+import numpy as np
+from tqdm import tqdm
+
+from zeggs_jax.speech import wav
+from zeggs_jax.synthetic import corpus, prosody, sentences
+
+ESPEAK = ("en-us", "en-gb", "en-gb-scotland", "en-gb-x-rp", "en-029", "en-gb-x-gbclan")
+ESPEAK_VARIANTS = ("", "+f1", "+f2", "+f3", "+f4", "+m1", "+m2", "+m3", "+m4", "+m5", "+m7", "+croak", "+whisperf")
+FESTIVAL = ("kal_diphone", "ked_diphone", "cmu_us_slt_arctic_hts")
+SECONDS = (15.0, 30.0)
+
+
+def programs() -> tuple[str, ...]:
+    """The TTS programs found on this machine."""
+    found = {"espeak": shutil.which("espeak-ng"), "festival": shutil.which("text2wave")}
+    return tuple(name for name, path in found.items() if path)
+
+
+def espeak(text: str, path: Path, draw: np.random.Generator) -> str:
+    """Say `text` with one of espeak-ng's voices, at some speed and pitch; which one."""
+    voice = f"{draw.choice(ESPEAK)}{draw.choice(ESPEAK_VARIANTS)}"
+    speed, pitch = int(draw.integers(125, 190)), int(draw.integers(25, 75))
+    command = ["espeak-ng", "-v", voice, "-s", str(speed), "-p", str(pitch), "-w", str(path), text]
+    subprocess.run(command, check=True, capture_output=True)
+    return f"espeak-ng {voice} -s {speed} -p {pitch}"
+
+
+def festival(text: str, path: Path, draw: np.random.Generator) -> str:
+    """Say `text` with one of festival's voices, at some speed; which one."""
+    voice, stretch = str(draw.choice(FESTIVAL)), round(float(draw.uniform(0.9, 1.25)), 2)
+    choose = f"(begin (voice_{voice}) (Parameter.set 'Duration_Stretch {stretch}))"
+    command = ["text2wave", "-eval", choose, "-o", str(path)]
+    subprocess.run(command, input=text, text=True, check=True, capture_output=True)
+    return f"festival {voice} stretch {stretch}"
+
+
+def record(take: corpus.Take, spoken_by: tuple[str, ...], synthetic_share: float) -> corpus.Recording:
+    """The take's text by a voice drawn from its seed: ours, or one of the programs `spoken_by`."""
+    draw = np.random.default_rng([take.seed, 41])
+    if not spoken_by or draw.random() < synthetic_share:
+        return corpus.record(take)
+    speak = {"espeak": espeak, "festival": festival}[str(draw.choice(spoken_by))]
+    text = sentences.monologue(take.seed, int(corpus.WORDS_PER_SECOND * take.seconds))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "speech.wav"
+        speaker = speak(text, path, draw)
+        wave = wav.read(path)
+    heard = prosody.measure(wave)
+    start = int(heard.phrases[0, 0] * 16000) if len(heard.phrases) else 0
+    silence = np.zeros(int(16000 * corpus.lead_silence(take.seed)), np.float32)
+    return corpus.Recording(np.concatenate([silence, wave[max(start - 1600, 0) :]]), text, (), speaker)
+
+
+def make(take: corpus.Take, folder: Path, spoken_by: tuple[str, ...], synthetic_share: float) -> None:
+    """Record, perform and write one take."""
+    corpus.write_take(folder, take, record(take, spoken_by, synthetic_share))
+
+
+def main() -> None:
+    """Plan the takes, write them in parallel, write the index."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--minutes", type=float, default=75.0, help="length of the corpus")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--synthetic-share", type=float, default=0.4, help="clips by our own voice where TTS exists")
+    arguments = parser.parse_args()
+    clips = max(1, round(60.0 * arguments.minutes / (0.5 * sum(SECONDS))))
+    takes = corpus.plan(corpus.CorpusConfig(clips=clips, seconds=SECONDS, seed=arguments.seed))
+    spoken_by = programs()
+    print(f"{len(takes)} clips, voices: {', '.join(('synthetic', *spoken_by))}")
+    one = partial(make, folder=arguments.out, spoken_by=spoken_by, synthetic_share=arguments.synthetic_share)
+    with multiprocessing.get_context("spawn").Pool(arguments.processes) as pool:
+        for _ in tqdm(pool.imap_unordered(one, takes), total=len(takes), unit="clip"):
+            pass
+    corpus.write_index(arguments.out, takes)
+
+
+if __name__ == "__main__":
+    main()
