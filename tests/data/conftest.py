@@ -37,7 +37,7 @@ def add_pair(folder: Path, name: str, frames: int, seed: int = 0, rate_hz: float
 
 def add_corpus(folder: Path) -> Path:
     """Three styles in subfolders; `calm` has four clips, so its last one is for validation."""
-    frames = {"calm/a": 40, "calm/b": 55, "calm/c": 30, "calm/d": 45, "angry/a": 70, "old/x": 26}
+    frames = {"calm/a": 40, "calm/b": 55, "calm/c": 30, "calm/d": 45, "angry/a": 62, "old/x": 26}
     for seed, name in enumerate(frames):
         add_pair(folder, name, frames[name], seed)
     return folder

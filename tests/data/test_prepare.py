@@ -21,11 +21,11 @@ def test_clips_lie_one_after_the_other(prepared: Prepared):
     assert prepared.styles == ("angry", "calm", "old")
     assert prepared.labels.tolist() == [0, 1, 1, 1, 1, 2]
     assert prepared.splits == ("train", "train", "train", "train", "valid", "train")
-    assert np.diff(prepared.ranges, axis=1)[:, 0].tolist() == [70, 40, 55, 30, 45, 26]
+    assert np.diff(prepared.ranges, axis=1)[:, 0].tolist() == [62, 40, 55, 30, 45, 26]
     assert prepared.ranges[0, 0] == 0
     np.testing.assert_array_equal(prepared.ranges[1:, 0], prepared.ranges[:-1, 1])
-    assert prepared.speech.shape == (266, 81)
-    assert prepared.pose.shape == (266, 6 + 15 * 8)
+    assert prepared.speech.shape == (258, 81)
+    assert prepared.pose.shape == (258, 6 + 15 * 8)
 
 
 def test_arrays_are_memory_maps(prepared: Prepared):
@@ -92,13 +92,13 @@ def test_the_rate_can_be_changed(corpus_folder, tmp_path):
     slow = prepare(corpus_folder, tmp_path / "slow", PrepareConfig(rate_hz=30))
     assert bvh.rate_hz(slow.frame_time) == 30
     lengths = np.diff(slow.ranges, axis=1)[:, 0]
-    np.testing.assert_allclose(lengths, [35, 20, 27.5, 15, 22.5, 13], atol=1)
+    np.testing.assert_allclose(lengths, [31, 20, 27.5, 15, 22.5, 13], atol=1)
 
 
 def test_paced_copies_follow_each_other(corpus_folder, tmp_path):
     paced = prepare(corpus_folder, tmp_path / "paced", PrepareConfig(pace=(0.9, 1.0)))
     assert paced.names[:2] == ("angry/a_x_0_9", "angry/a_x_1_0")
-    assert np.diff(paced.ranges, axis=1)[:2, 0].tolist() == [63, 70]
+    assert np.diff(paced.ranges, axis=1)[:2, 0].tolist() == [55, 62]
 
 
 def test_trimmed_clips_are_written_on_request(corpus_folder, tmp_path):

@@ -121,7 +121,7 @@ def test_as_released_one_length_for_all_and_the_shortest_first(prepared: Prepare
 
 
 def test_no_window_fits(prepared: Prepared):
-    with pytest.raises(ValueError, match=r"window of 100 frames, the longest has 70"):
+    with pytest.raises(ValueError, match=r"window of 100 frames, the longest has 62"):
         batch(prepared, 0, 0, WindowConfig(batch=2, window=100, example=(100, 200)))
     with pytest.raises(ValueError, match="No test clip"):
         batch(prepared, 0, 0, SMALL, "test")
