@@ -1,15 +1,14 @@
 """A Model on disk: parameters and scales as arrays, config and skeleton as metadata of one checkpoint."""
 
-from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 
+from ..data.prepared import skeleton_from_json, skeleton_to_json
 from ..data.scale import Scale, Scales
-from ..motion.skeleton import Roles, Skeleton
+from ..motion.skeleton import Skeleton
 from ..training import checkpoint, loop
 from .config import ZeroEggsConfig, from_dict, to_dict
 from .model import Model, Params, check_params
@@ -33,7 +32,7 @@ def load_model(path: str | Path) -> Model:
     try:
         config = from_dict(ZeroEggsConfig, metadata["model"], f"config of checkpoint '{path}'")
         scales = Scales(**{name: Scale(**part) for name, part in tree["scales"].items()})
-        skeleton = _skeleton(metadata["skeleton"])
+        skeleton = skeleton_from_json(metadata["skeleton"])
         params: Params = tree["params"]
     except (KeyError, TypeError) as error:
         raise ValueError(f"checkpoint '{path}' is not a ZeroEGGS model: {error} is missing.") from error
@@ -58,18 +57,4 @@ def newest(path: str | Path) -> Path:
 
 def describe(config: ZeroEggsConfig, skeleton: Skeleton) -> dict[str, Any]:
     """The metadata of a model's checkpoint."""
-    assert skeleton.roles is not None
-    return {
-        "model": to_dict(config),
-        "skeleton": {
-            "names": list(skeleton.names),
-            "parents": list(skeleton.parents),
-            "offsets": np.asarray(skeleton.offsets, np.float64).tolist(),
-            "roles": asdict(skeleton.roles),
-        },
-    }
-
-
-def _skeleton(data: Mapping[str, Any]) -> Skeleton:
-    roles = Roles(**data["roles"])
-    return Skeleton(tuple(data["names"]), tuple(data["parents"]), np.array(data["offsets"]), roles)
+    return {"model": to_dict(config), "skeleton": skeleton_to_json(skeleton)}

@@ -16,9 +16,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..data import prepare as data
+from ..data import prepare as preparation
 from ..data import windows
-from ..data.prepare import Prepared
+from ..data.prepared import Prepared, load
 from ..data.scale import Scales
 from ..data.windows import Batch, WindowConfig
 from ..training import checkpoint, loop
@@ -129,7 +129,7 @@ def train(
     corpus, when a label model's labels are not the corpus's styles, or when the loss is no longer finite;
     KeyboardInterrupt after Ctrl-C, with all work saved.
     """
-    prepared, out = data.load(folder), Path(out)
+    prepared, out = load(folder), Path(out)
     config = fit_config(config, prepared)
     corpus = hashlib.sha256((Path(folder) / "manifest.json").read_bytes()).hexdigest()
     metadata = {**describe(config.model, prepared.skeleton), "training": to_dict(config), "corpus": corpus}
@@ -166,7 +166,7 @@ def prepared(corpus: str | Path, out: str | Path) -> Path:
     if (corpus / "manifest.json").exists():
         return corpus
     if not (folder / "manifest.json").exists():
-        data.prepare(corpus, folder)
+        preparation.prepare(corpus, folder)
     return folder
 
 
