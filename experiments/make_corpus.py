@@ -1,4 +1,4 @@
-"""Build the training corpus of the bundled model: synthetic voices, and real TTS voices where their programs exist.
+"""Build the training corpus of the bundled model: our own voice, and TTS voices where their programs exist.
 
     python experiments/make_corpus.py OUT --minutes 75 --processes 2
 
@@ -21,10 +21,24 @@ import numpy as np
 from tqdm import tqdm
 
 from zeggs_jax.speech import wav
-from zeggs_jax.synthetic import corpus, prosody, sentences
+from zeggs_jax.synthetic import corpus, prosody, recording, sentences
 
 ESPEAK = ("en-us", "en-gb", "en-gb-scotland", "en-gb-x-rp", "en-029", "en-gb-x-gbclan")
-ESPEAK_VARIANTS = ("", "+f1", "+f2", "+f3", "+f4", "+m1", "+m2", "+m3", "+m4", "+m5", "+m7", "+croak", "+whisperf")
+ESPEAK_VARIANTS = (
+    "",
+    "+f1",
+    "+f2",
+    "+f3",
+    "+f4",
+    "+m1",
+    "+m2",
+    "+m3",
+    "+m4",
+    "+m5",
+    "+m7",
+    "+croak",
+    "+whisperf",
+)
 FESTIVAL = ("kal_diphone", "ked_diphone", "cmu_us_slt_arctic_hts")
 SECONDS = (15.0, 30.0)
 
@@ -53,21 +67,35 @@ def festival(text: str, path: Path, draw: np.random.Generator) -> str:
     return f"festival {voice} stretch {stretch}"
 
 
-def record(take: corpus.Take, spoken_by: tuple[str, ...], synthetic_share: float) -> corpus.Recording:
+def pause_longer(wave: np.ndarray, draw: np.random.Generator) -> np.ndarray:
+    """The speech with most of its pauses longer by 0.2 to 1.2 s, for TTS programs hardly breathe."""
+    hop = 16000 // prosody.ENVELOPE_HZ
+    silent = prosody.envelope(wave) < prosody.SILENT
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], silent.astype(np.int8), [0]]))).reshape(-1, 2)
+    parts, last = [], 0
+    for start, end in edges.tolist():
+        if end - start > 0.13 * prosody.ENVELOPE_HZ and draw.random() < 0.75:
+            middle = (start + end) // 2 * hop
+            parts += [wave[last:middle], np.zeros(int(16000 * draw.uniform(0.2, 1.2)), np.float32)]
+            last = middle
+    return np.concatenate([*parts, wave[last:]])
+
+
+def record(take: corpus.Take, spoken_by: tuple[str, ...], synthetic_share: float) -> recording.Recording:
     """The take's text by a voice drawn from its seed: ours, or one of the programs `spoken_by`."""
     draw = np.random.default_rng([take.seed, 41])
     if not spoken_by or draw.random() < synthetic_share:
-        return corpus.record(take)
+        return recording.speak(take.seconds, take.seed)
     speak = {"espeak": espeak, "festival": festival}[str(draw.choice(spoken_by))]
-    text = sentences.monologue(take.seed, int(corpus.WORDS_PER_SECOND * take.seconds))
+    text = sentences.monologue(take.seed, int(recording.WORDS_PER_SECOND * take.seconds))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "speech.wav"
         speaker = speak(text, path, draw)
-        wave = wav.read(path)
+        wave = pause_longer(wav.read(path), draw)
     heard = prosody.measure(wave)
     start = int(heard.phrases[0, 0] * 16000) if len(heard.phrases) else 0
-    silence = np.zeros(int(16000 * corpus.lead_silence(take.seed)), np.float32)
-    return corpus.Recording(np.concatenate([silence, wave[max(start - 1600, 0) :]]), text, (), speaker)
+    silence = np.zeros(int(16000 * recording.lead_silence(take.seed)), np.float32)
+    return recording.Recording(np.concatenate([silence, wave[max(start - 1600, 0) :]]), text, (), speaker)
 
 
 def make(take: corpus.Take, folder: Path, spoken_by: tuple[str, ...], synthetic_share: float) -> None:
@@ -77,12 +105,14 @@ def make(take: corpus.Take, folder: Path, spoken_by: tuple[str, ...], synthetic_
 
 def main() -> None:
     """Plan the takes, write them in parallel, write the index."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="Build the training corpus of the bundled model.")
     parser.add_argument("out", type=Path)
     parser.add_argument("--minutes", type=float, default=75.0, help="length of the corpus")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--synthetic-share", type=float, default=0.4, help="clips by our own voice where TTS exists")
+    parser.add_argument(
+        "--synthetic-share", type=float, default=0.4, help="clips by our own voice where TTS exists"
+    )
     arguments = parser.parse_args()
     clips = max(1, round(60.0 * arguments.minutes / (0.5 * sum(SECONDS))))
     takes = corpus.plan(corpus.CorpusConfig(clips=clips, seconds=SECONDS, seed=arguments.seed))

@@ -1,4 +1,4 @@
-"""The synthetic body: the release's 75-joint hierarchy with bone lengths of our own, 175 cm tall, resting in a T-pose."""
+"""The synthetic body: the release's 75-joint hierarchy, bone lengths of our own, 175 cm tall, in a T-pose."""
 
 from functools import cache
 
@@ -67,7 +67,7 @@ def _offset(name: str) -> tuple[float, float, float]:
 
 @cache
 def rest_skeleton() -> skeleton.Skeleton:
-    """The body at rest: arms along +-X with palms down, facing +Z, feet on y = 0; offsets in cm, parent frame."""
+    """The body at rest: arms along +-X, palms down, facing +Z, feet on y = 0; offsets in cm, parent frame."""
     names = tuple(skeleton.REFERENCE_NAMES)
     offsets: Float[np.ndarray, "J 3"] = np.array([_offset(name) for name in names])
     return skeleton.Skeleton(names, tuple(skeleton.REFERENCE_PARENTS), offsets, skeleton.infer_roles(names))

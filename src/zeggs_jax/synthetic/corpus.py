@@ -1,4 +1,4 @@
-"""A corpus folder with known ground truth: for each take a wav, a BVH and a JSON of words, stresses and style factors."""
+"""A corpus folder with known ground truth: each take a wav, a BVH and its words, stresses and factors."""
 
 import csv
 import json
@@ -9,21 +9,19 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float32
 
 from zeggs_jax.motion import bvh
 from zeggs_jax.speech import wav
-from zeggs_jax.synthetic import gestures, prosody, sentences, styles, voice
+from zeggs_jax.synthetic import gestures, prosody, recording, styles, voice
+from zeggs_jax.synthetic.recording import Recording
 from zeggs_jax.synthetic.styles import HELD_OUT, TRAINING, StyleFactors
-from zeggs_jax.synthetic.voice import Word
 
 HELD_OUT_FOLDER = "held_out"
-WORDS_PER_SECOND = 2.7
 
 
 @dataclass(frozen=True)
 class CorpusConfig:
-    """What to write. Held-out styles go to the subfolder `held_out`, a corpus of its own that training never sees."""
+    """What to write. Held-out styles go to the subfolder `held_out`, a corpus that training never sees."""
 
     clips: int = 48
     seconds: tuple[float, float] = (15.0, 30.0)  # shortest and longest clip
@@ -46,15 +44,6 @@ class Take(NamedTuple):
     seed: int
 
 
-class Recording(NamedTuple):
-    """Speech for a take at 16 kHz; `words` is empty when their times are unknown."""
-
-    wave: Float32[np.ndarray, " n"]
-    text: str
-    words: Sequence[Word]
-    speaker: str
-
-
 def plan(config: CorpusConfig) -> list[Take]:
     """The takes of a corpus: named styles in turn, random points among them, a validation clip now and then.
 
@@ -62,8 +51,8 @@ def plan(config: CorpusConfig) -> list[Take]:
     """
     if config.clips < 1 or not 1.0 <= config.seconds[0] <= config.seconds[1]:
         raise ValueError(
-            f"a corpus of {config.clips} clips of {config.seconds[0]:g} to {config.seconds[1]:g} s cannot be made; ask for "
-            "at least one clip, of a second or more."
+            f"{config.clips} clips of {config.seconds[0]:g} to {config.seconds[1]:g} s make no corpus; "
+            "ask for at least one clip, of a second or more."
         )
     draw = np.random.default_rng([config.seed, 2])
     points = {name: styles.find(name) for name in (*config.styles, *config.held_out)}
@@ -90,56 +79,17 @@ def plan(config: CorpusConfig) -> list[Take]:
     return takes
 
 
-def record(take: Take) -> Recording:
-    """The take spoken by a random synthetic voice; words with exact times."""
-    text = sentences.monologue(take.seed, int(WORDS_PER_SECOND * take.seconds))
-    wave, words = voice.speak(text, take.seed, lead=lead_silence(take.seed))
-    return Recording(wave, text, words, "synthetic")
-
-
-def lead_silence(seed: int) -> float:
-    """Seconds before the first word: usually a moment, in every eighth clip a few seconds."""
-    draw = np.random.default_rng([seed, 31])
-    return float(draw.uniform(1.5, 4.0) if draw.random() < 0.125 else draw.uniform(0.15, 0.6))
-
-
-def swell(wave: Float[np.ndarray, " n"], seed: int) -> Float32[np.ndarray, " n"]:
-    """The speech with a loudness that wanders over 9 dB within seconds, and a level of its own between -30 and -16 dB."""
-    draw = np.random.default_rng([seed, 37])
-    knots = np.arange(0.0, len(wave) / voice.RATE + 2.5, 2.5)
-    gain = np.interp(np.arange(len(wave)) / voice.RATE, knots, draw.uniform(-6.0, 3.0, len(knots)))
-    louder = wave.astype(np.float64) * 10.0 ** (gain / 20.0)
-    level = np.sqrt(np.mean(louder**2)) + 1e-9
-    wanted = 10.0 ** (draw.uniform(-30.0, -16.0) / 20.0)
-    return (louder * min(wanted / level, 0.98 / max(float(np.abs(louder).max()), 1e-9))).astype(np.float32)
-
-
-def fit(recording: Recording, take: Take, rate_hz: int) -> tuple[Recording, int]:
-    """The recording cut or padded to the take's length, exactly a whole number of frames; and that number."""
-    frames = round(take.seconds * rate_hz)
-    samples = round(frames * voice.RATE / rate_hz)
-    wave = recording.wave[:samples]
-    if len(wave) < samples:
-        wave = np.pad(wave, (0, samples - len(wave)))
-    else:
-        fade = min(480, samples)
-        wave = np.concatenate([wave[:-fade], wave[-fade:] * np.linspace(1.0, 0.0, fade, dtype=np.float32)])
-    kept = [w for w in recording.words if w.end < samples / voice.RATE]
-    return recording._replace(wave=swell(wave, take.seed), words=kept), frames
-
-
-def perform(
-    take: Take, recording: Recording, rate_hz: int = 30
-) -> tuple[Recording, prosody.Prosody, bvh.Clip]:
+def perform(take: Take, speech: Recording, rate_hz: int = 30) -> tuple[Recording, prosody.Prosody, bvh.Clip]:
     """The take performed: its speech at full length, what the body heard, and what it did."""
-    spoken, frames = fit(recording, take, rate_hz)
+    spoken, frames = recording.fit(speech, take.seconds, rate_hz, take.seed)
     heard = prosody.known(spoken.words, spoken.wave) if spoken.words else prosody.measure(spoken.wave)
-    return spoken, heard, gestures.perform(heard, take.factors, frames, rate_hz, take.seed)
+    clip = gestures.perform(heard, take.factors, frames, rate_hz, take.seed)
+    return spoken._replace(wave=recording.room(spoken.wave, take.seed)), heard, clip
 
 
-def write_take(folder: str | Path, take: Take, recording: Recording, rate_hz: int = 30) -> None:
+def write_take(folder: str | Path, take: Take, speech: Recording, rate_hz: int = 30) -> None:
     """Perform one take and write name.wav, name.bvh and name.json below `folder`."""
-    spoken, heard, clip = perform(take, recording, rate_hz)
+    spoken, heard, clip = perform(take, speech, rate_hz)
     stem = Path(folder) / take.name
     stem.parent.mkdir(parents=True, exist_ok=True)
     wav.write(f"{stem}.wav", spoken.wave, voice.RATE)
@@ -177,7 +127,7 @@ def write(folder: str | Path, config: CorpusConfig | None = None) -> list[Take]:
     config = CorpusConfig() if config is None else config
     takes = plan(config)
     for take in takes:
-        write_take(folder, take, record(take), config.rate_hz)
+        write_take(folder, take, recording.speak(take.seconds, take.seed), config.rate_hz)
     write_index(folder, takes)
     return takes
 
@@ -188,7 +138,7 @@ def style_clip(
     """An example clip of a style, performed to synthetic speech (the input of Fig. 3b)."""
     factors = styles.find(style) if isinstance(style, str) else style
     take = Take("example", "example", factors, "train", seconds, seed)
-    return perform(take, record(take), rate_hz)[2]
+    return perform(take, recording.speak(take.seconds, take.seed), rate_hz)[2]
 
 
 def _rounded(value: object) -> object:

@@ -1,4 +1,4 @@
-"""Style factors and prosody to a 75-joint clip: hands, head, trunk, breath and weight, on feet that stay planted."""
+"""Style factors and prosody to a 75-joint clip: hands, head, trunk, breath, weight, on planted feet."""
 
 import numpy as np
 from jaxtyping import Float

@@ -37,9 +37,9 @@ def _middle(
     lengths: tuple[float, float],
     soft: float,
 ) -> tuple[Float[Array, "*b 3"], Float[Array, "*b 3"], Float[Array, "*b 3"]]:
-    """(middle joint, reached end, unit direction in which the middle joint leaves the line from start to end).
+    """(middle joint, reached end, unit direction in which the middle joint leaves the line between the two).
 
-    Ends out of reach are approached: the last `soft` cm of the limb's length asymptotically, so that it never snaps.
+    Ends out of reach are approached, the last `soft` cm asymptotically, so that no limb snaps straight.
     """
     upper, lower = lengths
     reach = end - start
@@ -80,7 +80,7 @@ def leg(
     pole: Float[Array, "*b 3"],
     lengths: tuple[float, float],
 ) -> Limb:
-    """A leg from the hip `start` to the ankle `end` (world, cm), its knee on the side of `pole`; bones rest along -Y."""
+    """A leg from the hip `start` to the ankle `end` (world, cm), knee towards `pole`; bones rest along -Y."""
     knee, ankle, bent = _middle(start, end, pole, lengths, SOFT_LEG)
     y_upper = quaternion.normalize(start - knee, eps=1e-9)
     y_lower = quaternion.normalize(knee - ankle, eps=1e-9)

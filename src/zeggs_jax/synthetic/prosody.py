@@ -1,4 +1,4 @@
-"""What the body hears: phrases and stressed syllables with their loudness, known from words or measured from any wave."""
+"""What the body hears: phrases, stressed syllables and their loudness, known from words or measured."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -26,7 +26,7 @@ class Prosody(NamedTuple):
 
 
 def envelope(wave: Float[np.ndarray, " n"], rate: int = 16000) -> Float[np.ndarray, " E"]:
-    """Loudness at 100 Hz: RMS over 50 ms, relative to the loud level of the spoken part (zeros for silence)."""
+    """Loudness at 100 Hz: RMS over 50 ms, relative to the spoken part's loud level (zeros for silence)."""
     hop = rate // ENVELOPE_HZ
     power = np.square(wave[: len(wave) // hop * hop].astype(np.float64)).reshape(-1, hop).mean(axis=1)
     level = np.sqrt(gaussian_filter1d(power, 2.5, mode="constant")) if len(power) else np.zeros(0)
@@ -57,7 +57,7 @@ def measure(wave: Float[np.ndarray, " n"], rate: int = 16000) -> Prosody:
 
 
 def known(words: Sequence[Word], wave: Float[np.ndarray, " n"], rate: int = 16000) -> Prosody:
-    """Prosody of speech whose words are known: exact times, loudness read from the wave at each stressed vowel."""
+    """Prosody of speech whose words are known: exact times, loudness of the wave at each stressed vowel."""
     level = envelope(wave, rate)
     stressed = [w for w in words if w.stressed and w.nucleus * ENVELOPE_HZ < len(level) - 1]
     time = np.array([w.nucleus for w in stressed])

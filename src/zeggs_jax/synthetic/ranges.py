@@ -17,7 +17,7 @@ Span = tuple[float, float]
 
 
 class Range(NamedTuple):
-    """Limits of one joint in degrees: Euler angles in `order`, counted from the rotation `centre` (same order)."""
+    """Limits of one joint in degrees: Euler angles in `order`, counted from `centre` (same order)."""
 
     order: str
     spans: tuple[Span, Span, Span]
@@ -29,7 +29,7 @@ def _spine(pitch: Span, roll: float, yaw: float) -> Range:
 
 
 # Written for the left side, counted from the T-pose (bones of the arm along +X, of the leg along -Y).
-# Rounded outward from the usual clinical tables of active range of motion; the spine's are shared by four joints.
+# Rounded outward from the usual clinical tables of active motion; the spine's are shared by four joints.
 RANGES: dict[str, Range] = {
     "Spine": _spine((-20, 30), 16, 16),
     "Spine1": _spine((-20, 30), 16, 16),
@@ -97,7 +97,7 @@ def _tables() -> dict[str, _Table]:
 
 
 def excess(local: Float[Array, "T J 4"]) -> Float[Array, "T J"]:
-    """Radians by which each joint of the 75-joint hierarchy leaves its range (0 inside; ends and hips have none)."""
+    """Radians by which each of the 75 joints leaves its range (0 inside; ends and hips have none)."""
     worst = jnp.zeros(local.shape[:2], local.dtype)
     for order, table in _tables().items():
         turned = quaternion.multiply(quaternion.inverse(table.centre)[None], local[:, np.array(table.joints)])
@@ -108,7 +108,7 @@ def excess(local: Float[Array, "T J 4"]) -> Float[Array, "T J"]:
 
 
 def joints_outside_range(clip: bvh.Clip) -> dict[str, float]:
-    """Share of frames (0..1) in which each joint is outside its human range; joints never outside are left out."""
+    """Share of frames (0..1) in which each joint is outside its human range, of those that ever are."""
     outside = np.asarray(_outside(clip))
     return {clip.skeleton.names[j]: float(share) for j, share in enumerate(outside.mean(axis=0)) if share > 0}
 
@@ -116,8 +116,8 @@ def joints_outside_range(clip: bvh.Clip) -> dict[str, float]:
 def share_outside_range(clip: bvh.Clip) -> float:
     """Share of frames (0..1) in which any joint is outside its human range.
 
-    For clips on the release's hierarchy with a T-pose at rest, such as the synthetic ones and what is generated from
-    them. ValueError names the first joint that differs.
+    For clips on the release's hierarchy with a T-pose at rest, such as the synthetic ones and those
+    generated from them. ValueError names the first joint that differs.
     """
     return float(np.asarray(_outside(clip)).any(axis=1).mean())
 
@@ -127,8 +127,8 @@ def _outside(clip: bvh.Clip) -> Array:
     for j, name in enumerate(expected):
         if j >= len(clip.skeleton.names) or clip.skeleton.names[j] != name:
             raise ValueError(
-                f"human ranges are known for the {len(expected)}-joint reference hierarchy, which has '{name}' as joint "
-                f"{j}, and this clip has not; retarget it first."
+                f"human ranges are known for the {len(expected)}-joint reference hierarchy, whose joint {j} "
+                f"is '{name}', and this clip's is not; retarget it first."
             )
     euler = jnp.asarray(clip.euler)
     local = jnp.stack(

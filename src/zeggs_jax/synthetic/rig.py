@@ -1,6 +1,5 @@
-"""The rig: tracks of trunk, hands and fingers to the rotations of all 75 joints, feet staying where they stand."""
+"""The rig: tracks of trunk, hands and fingers to the rotations of all joints, feet staying in place."""
 
-from functools import cache
 from typing import NamedTuple
 
 import jax
@@ -19,23 +18,22 @@ TOES_OUT = 0.16  # rad
 _ELBOW = (0.55, -0.70, -0.45)  # where elbows point: outward, up, forward
 _ELBOW_HANGING = (0.25, -0.30, -0.90)  # and below low hands
 _BLOCK = 256  # frames solved at a time, so that one length is compiled
+Values = np.ndarray | Array
 
 
 class Tracks(NamedTuple):
-    """What the performer decides, frame by frame; two hands are (left, right). Angles in rad, lengths in cm."""
+    """What the performer decides, frame by frame; hands are (left, right). Angles in rad, lengths in cm."""
 
-    hips: Float[np.ndarray, "T 3"]  # world, from the middle between the feet at standing height
-    pelvis: Float[np.ndarray, "T 3"]  # pitch (forward), yaw (left), roll (to the right)
-    spine: Float[np.ndarray, "T 3"]  # the same three, summed over the spine joints
-    neck: Float[np.ndarray, "T 3"]  # and over neck and head
-    clavicle: Float[np.ndarray, "T 2 2"]  # lifted, brought forward
-    hand: Float[
-        np.ndarray, "T 2 3"
-    ]  # wrist from the shoulder joint: outward, up, forward, turned with the chest
-    palm: Float[np.ndarray, "T 2"]  # 0 palms inward, positive turns them up
-    wrist: Float[np.ndarray, "T 2"]  # flexion
-    curl: Float[np.ndarray, "T 2"]  # bend of each finger joint
-    spread: Float[np.ndarray, "T 2"]  # fingers apart
+    hips: Float[Values, "T 3"]  # world, from the middle between the feet at standing height
+    pelvis: Float[Values, "T 3"]  # pitch (forward), yaw (left), roll (to the right)
+    spine: Float[Values, "T 3"]  # the same three, summed over the spine joints
+    neck: Float[Values, "T 3"]  # and over neck and head
+    clavicle: Float[Values, "T 2 2"]  # lifted, brought forward
+    hand: Float[Values, "T 2 3"]  # wrist from the shoulder joint: outward, up, forward, turned with the chest
+    palm: Float[Values, "T 2"]  # 0 palms inward, positive turns them up
+    wrist: Float[Values, "T 2"]  # flexion
+    curl: Float[Values, "T 2"]  # bend of each finger joint
+    spread: Float[Values, "T 2"]  # fingers apart
 
 
 _OUTWARD = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])  # written for the left; the right is mirrored in x
@@ -54,7 +52,8 @@ def _turn(angles: Float[Array, "*b 3"]) -> Float[Array, "*b 4"]:
     return quaternion.from_euler(angles[..., jnp.array([1, 0, 2])], "yxz")
 
 
-def _about(axis: int, angle: Float[Array, "*b"]) -> Float[Array, "*b 4"]:
+def _about(axis: int, angle: Float[Values, "*b"]) -> Float[Array, "*b 4"]:
+    angle = jnp.asarray(angle)
     zero = jnp.zeros_like(angle)
     parts = [jnp.cos(0.5 * angle), zero, zero, zero]
     parts[1 + axis] = jnp.sin(0.5 * angle)
@@ -103,7 +102,7 @@ def _arms(tracks: Tracks, chest: Float[Array, "T 4"], origin: Float[Array, "T 3"
     start = start + quaternion.rotate(shoulder, _offsets("Arm"))
     heading = _about(1, tracks.pelvis[:, 1] + tracks.spine[:, 1])[:, None]
     target = start + quaternion.rotate(heading, tracks.hand * _OUTWARD[None])
-    pole = quaternion.rotate(heading, _pole(tracks.hand[..., 1]))
+    pole = quaternion.rotate(heading, _pole(jnp.asarray(tracks.hand[..., 1])))
     limb = limbs.arm(start, target, pole, (body.UPPER_ARM, body.FOREARM), jnp.array([[[1.0], [-1.0]]]))
     bend = quaternion.multiply(quaternion.inverse(limb.upper), limb.lower)
     wrist = quaternion.multiply(_about(0, -0.2 * tracks.palm), _about(2, -tracks.wrist) * _MIRRORED[None])
@@ -143,7 +142,7 @@ def _turning() -> list[str]:
 @jax.jit
 def _solve(tracks: Tracks) -> tuple[Float[Array, "T K 3"], Float[Array, "T 3"]]:
     """(Euler angles zyx of the joints that turn, rad; world position of the hips, cm)."""
-    hips = tracks.hips + jnp.array([0.0, body.HIPS_HEIGHT, 0.0])[None]
+    hips = jnp.asarray(tracks.hips) + jnp.array([0.0, body.HIPS_HEIGHT, 0.0])[None]
     trunk = _trunk(tracks)
     chest, origin = _chest(trunk, hips)
     sides = _arms(tracks, chest, origin), _fingers(tracks), _legs(trunk[:, 0], hips)
@@ -152,7 +151,7 @@ def _solve(tracks: Tracks) -> tuple[Float[Array, "T K 3"], Float[Array, "T 3"]]:
 
 
 def pose(tracks: Tracks, frame_time: float) -> bvh.Clip:
-    """The clip in which the body follows `tracks`: rotations zyx, hips moving, all other joints at their offsets."""
+    """The clip in which the body follows `tracks`: rotations zyx, only the hips travel."""
     frames = len(tracks.hips)
     padding = -frames % _BLOCK
     with jax.enable_x64(True):

@@ -1,4 +1,4 @@
-"""Sentences without a source: a small grammar over our own word lists, with punctuation that asks for pauses."""
+"""Sentences without a source: a small grammar over our own word lists, with commas and stops to pause at."""
 
 import numpy as np
 
@@ -9,17 +9,17 @@ def _words(text: str) -> list[str]:
 
 WEAK = frozenset(
     _words(
-        "a an the of to in on at by for with and or but as is was are were be it he she we they you i his her our their "
-        "this that my your from so if than then not have had will would can could there into some all"
+        "a an the of to in on at by for with and or but as is was are were be it he she we they you i his "
+        "her our their this that my your from so if than then not have had will would can could into some all"
     )
 )
 PEOPLE = _words(
-    "baker farmer doctor sailor teacher painter neighbour captain sister brother gardener singer driver builder "
-    "student stranger lawyer hunter shepherd writer"
+    "baker farmer doctor sailor teacher painter neighbour captain sister brother gardener singer driver "
+    "builder student stranger lawyer hunter shepherd writer"
 )
 THINGS = _words(
-    "garden river window kettle letter mountain market engine bottle carpet ladder village table paper basket "
-    "number candle hammer bridge station feather blanket island harbour piano butter yellow coat summer winter "
+    "garden river window kettle letter mountain market engine bottle carpet ladder village paper basket "
+    "number candle hammer bridge station feather blanket island harbour piano butter coat summer winter "
     "road boat lamp clock stone door tree house field cloud train bread storm light table"
 )
 QUALITIES = _words(

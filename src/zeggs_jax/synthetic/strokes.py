@@ -1,4 +1,4 @@
-"""Gesture phases (McNeill 1992): preparation, a stroke on the stressed syllable, hold, retraction, as minimum-jerk moves."""
+"""Gesture phases (McNeill 1992): preparation, stroke on the stressed syllable, hold, retraction."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -14,14 +14,14 @@ SPEECH_GAP = 0.45  # s; hands go to rest in longer pauses
 
 
 class Stance(NamedTuple):
-    """Where the two hands are between gestures; channels: outward, up, forward (cm from the shoulder), palm, curl (rad)."""
+    """Where the hands are between gestures: outward, up, forward (cm from the shoulder), palm, curl (rad)."""
 
     rest: Float[np.ndarray, "2 5"]
     centre: Float[np.ndarray, "2 5"]
 
 
 class Phase(NamedTuple):
-    """One movement of both hands from wherever they were bound to `goal`; what lies between two phases is a hold."""
+    """One movement of both hands from wherever they were bound to `goal`; between two phases they hold."""
 
     kind: str  # preparation, stroke, rebound or retraction
     start: float  # s
@@ -41,7 +41,7 @@ def _ramp(value: float, low: float, high: float) -> float:
 
 
 def stance(style: StyleFactors) -> Stance:
-    """Resting place and gesture space of a style: low hands rest at the thighs, high ones stay up, narrow ones in front."""
+    """Resting place and gesture space: low hands rest at the thighs, high ones up, narrow ones in front."""
     palm = -0.9 + 1.2 * style.openness
     curl = float(np.interp(style.openness, (0.0, 0.5, 1.0), (1.15, 0.42, 0.12)))
     up, front = max(0.6, _ramp(style.hand_height, -48.0, -16.0)), 0.9 * _ramp(0.35 - style.radius, 0.0, 0.35)
@@ -51,14 +51,13 @@ def stance(style: StyleFactors) -> Stance:
     hanging = np.array([5.0, -51.5, 5.0, 0.15, 0.6 * curl + 0.15])
     share = np.array([max(up, front), up, max(up, front), max(up, 0.7 * front), up])
     rest = hanging + 0.9 * share * (centre - hanging)
-    centre = rest + min(style.amplitude / 12.0, 1.0) * (
-        centre - rest
-    )  # who hardly gestures hardly leaves the rest
+    leaving = min(style.amplitude / 12.0, 1.0)  # who hardly gestures hardly leaves the rest
+    centre = rest + leaving * (centre - rest)
     return Stance(np.repeat(rest[None], 2, axis=0), np.repeat(centre[None], 2, axis=0))
 
 
 def select(prosody: Prosody, style: StyleFactors) -> tuple[Float[np.ndarray, " K"], Float[np.ndarray, " K"]]:
-    """Stresses that get a stroke: the loudest within a gap that slow styles make longer. (times s, strengths)"""
+    """(times in s, strengths) of stresses that get a stroke: loudest within a gap, longer if slow."""
     gap = float(np.clip(0.42 / style.tempo, 0.3, 0.6))
     kept: list[int] = []
     for i in np.argsort(-prosody.strength, kind="stable").tolist():
@@ -71,7 +70,7 @@ def select(prosody: Prosody, style: StyleFactors) -> tuple[Float[np.ndarray, " K
 def _goals(
     style: StyleFactors, home: Stance, strength: float, inward: bool, leader: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Goals of the preparation (raised) and the stroke (down and, every other time, outward) around the centre."""
+    """Goals of the preparation (raised) and of the stroke (down and, every other time, outward)."""
     size = style.amplitude * strength
     hands = np.array([1.0 - style.asymmetry, 1.0]) * (
         1.0 + np.array([0.12, -0.12]) * (1 if leader == 0 else -1)
@@ -92,8 +91,9 @@ def _pauses(prosody: Prosody) -> list[tuple[float, float]]:
 def schedule(prosody: Prosody, style: StyleFactors) -> list[Phase]:
     """Every movement of the hands, in order of time.
 
-    A stroke surrounds its stress: it begins at most 0.25 s before the middle of the vowel, its speed peaks there. The
-    hand leading alternates from pause to pause, the direction from stroke to stroke, so both can be read off the pose.
+    A stroke surrounds its stress: it begins at most 0.25 s before the middle of the vowel and is fastest
+    there. The leading hand alternates from pause to pause, as the weight does, the direction from stroke to
+    stroke, so both can be read off the pose.
     """
     home = stance(style)
     times, strengths = select(prosody, style)
@@ -136,7 +136,7 @@ def schedule(prosody: Prosody, style: StyleFactors) -> list[Phase]:
 def follow(
     phases: Sequence[Phase], home: Stance, time: Float[np.ndarray, " T"]
 ) -> Float[np.ndarray, "T 2 5"]:
-    """Both hands through time: the sum of the minimum-jerk movements from goal to goal, smooth where they overlap."""
+    """Both hands through time: minimum-jerk moves from goal to goal, summed, smooth where they overlap."""
     path = np.repeat(home.rest[None], len(time), axis=0)
     goal = home.rest
     for phase in phases:

@@ -1,4 +1,4 @@
-"""Named styles as points in a known factor space (the ground truth that ZeroEGGS Sec. 5.2 has to find in motion)."""
+"""Named styles as points in a known factor space: the ground truth behind ZeroEGGS Sec. 5.2's style space."""
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType

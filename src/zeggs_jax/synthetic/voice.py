@@ -180,7 +180,8 @@ def speak(
 ) -> tuple[Float32[np.ndarray, " n"], list[Word]]:
     """Say `text` (punctuation makes pauses): (mono wave at 16 kHz, peak 0.5; its words).
 
-    `lead` is the silence in s before the first word. Same arguments, same samples. ValueError when no word is in `text`.
+    `lead` is the silence in s before the first word. Same arguments, same samples. ValueError for a text
+    without words.
     """
     spoken = [w for w in (text.split() if isinstance(text, str) else text) if any(ch.isalpha() for ch in w)]
     if not spoken:
