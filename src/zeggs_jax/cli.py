@@ -1,6 +1,7 @@
 """The `zeggs` command: one function for each subcommand, one sentence for each thing that can go wrong."""
 
 import os
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -32,16 +33,16 @@ def demo(out: Out = Path("demo"), styles: tuple[str, ...] = ("neutral", "happy",
     from .zeroeggs import generate as g
 
     _prepare_folder(out)
-    model, speech = g.bundled_model(), speech or g.bundled_speech()
+    model, speech = g.bundled_model(), speech or next(iter(g.bundled_speech().values()))
     figures = []
     for style in tqdm(styles, desc="generating", unit="style"):
         gesture = g.generate(speech, g.Request(styles=(style,), seed=seed), model=model)
         name = Path(style).stem
         g.save(out / f"{name}.bvh", gesture)
         figures.append(player.Figure(name, gesture.clip, speech))
-    g.copy_speech(speech, out / "speech.wav")
+    shutil.copyfile(speech, out / f"speech{speech.suffix}")
     player.write(out / "index.html", figures, title="One speech, several styles")
-    print(f"wrote {len(figures)} BVH files, speech.wav and index.html; open {out / 'index.html'}")
+    print(f"wrote {len(figures)} BVH files, their speech and a page; open {out / 'index.html'}")
 
 
 @app.command

@@ -1,11 +1,9 @@
 """Kinematic measures of a clip: hand speed, jerk, root drift, and the statistics that tell styles apart."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..motion import bvh, features, kinematics
+from ..motion import bvh, features
 from ..motion.bvh import Clip
 
 Positions = Float[np.ndarray, "T J 3"]
@@ -13,10 +11,7 @@ Positions = Float[np.ndarray, "T J 3"]
 
 def world_positions(clip: Clip) -> Positions:
     """World positions of all joints, cm, for every frame."""
-    with jax.enable_x64(True):
-        turns = features.local_quaternions(clip)
-        chain = jax.vmap(lambda p, q: kinematics.forward_positions(p, q, clip.skeleton.parents))
-        return np.asarray(chain(jnp.asarray(clip.positions, jnp.float64), turns))
+    return np.asarray(features.world_positions(clip), np.float64)
 
 
 def speeds(positions: Positions, rate_hz: float) -> Float[np.ndarray, "T J"]:

@@ -57,6 +57,7 @@ def decode(
     frame_time: float,
     rebase: bool = True,
     offsets: Literal["first_frame", "skeleton", "per_frame"] = "first_frame",
+    unit_root: bool = True,
 ) -> Clip:
     """Poses of T frames as a clip with zyx Euler angles (ZeroEGGS Sec. 3.5).
 
@@ -64,7 +65,7 @@ def decode(
     where the bones' offsets come from: the joint positions of frame 0 (as released), the skeleton's own, or
     "per_frame", which also keeps the predicted positions of all joints in every frame.
     """
-    euler, positions = in_float64(partial(_decode, rebased=rebase), poses)
+    euler, positions = in_float64(partial(_decode, rebased=rebase, unit_root=unit_root), poses)
     first = positions[0] if offsets != "skeleton" else np.asarray(skeleton.offsets, np.float64)
     if offsets != "per_frame":
         positions[:, 1:] = first[1:]
@@ -212,11 +213,11 @@ def _extrapolated(v: Array) -> Array:
     return jnp.concatenate([v[:1] - (v[2:3] - v[1:2]), v])
 
 
-@partial(jax.jit, static_argnames="rebased")
-def _decode(poses: Pose, rebased: bool) -> tuple[Float[Array, "T J 3"], Float[Array, "T J 3"]]:
+@partial(jax.jit, static_argnames=("rebased", "unit_root"))
+def _decode(poses: Pose, rebased: bool, unit_root: bool) -> tuple[Float[Array, "T J 3"], Float[Array, "T J 3"]]:
     """Euler angles and local positions, joint 0 in world."""
-    # The root's rotation loses length over a long rollout (`pose.integrate`), which Euler angles do not bear.
-    poses = poses._replace(root=Root(poses.root.pos, quaternion.normalize(poses.root.rot)))
+    if unit_root:
+        poses = poses._replace(root=Root(poses.root.pos, quaternion.normalize(poses.root.rot)))
     if rebased:
         first = Root(*(jnp.broadcast_to(x[:1], x.shape) for x in poses.root))
         poses = rebase(poses, first)

@@ -62,7 +62,7 @@ def read_motion(path: Path, model: Model, frames: Frames | None = None) -> Motio
     clip = bvh.read(path)
     if frames is not None:
         clip = edit.trim(clip, *frames)
-    clip = edit.match_skeleton(clip, model.skeleton, f"style example '{path.name}'")
+    clip = edit.fit(clip, model.skeleton, f"style example '{path.name}'")
     rate = bvh.rate_hz(model.config.frame_time)
     if bvh.rate_hz(clip.frame_time) != rate:
         clip = edit.resample(clip, rate)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..motion import bvh, features
@@ -24,6 +25,8 @@ from .checkpoints import load_model
 from .examples import Example, Frames
 from .model import Model, decode, encode_speech, sample_style
 
+Speech = str | Path | np.ndarray
+BUNDLE = Path(str(files("zeggs_jax.zeroeggs") / "pretrained"))
 PADDING = 300  # frames: lengths are rounded up to this, so that few lengths compile
 
 
@@ -49,14 +52,19 @@ class Gesture(NamedTuple):
 
 def bundled_model() -> Model:
     """The small model that comes with the package, trained on the synthetic corpus."""
-    return load_model(Path(str(files("zeggs_jax.zeroeggs") / "pretrained" / "model")))
+    return load_model(BUNDLE / "model")
 
 
-def generate(speech: str | Path, style: str | Request = "neutral", *, model: Model | None = None) -> Gesture:
+def bundled_speech() -> dict[str, Path]:
+    """The spoken samples that come with the package, by name."""
+    return {path.stem: path for path in sorted((BUNDLE / "speech").glob("*.wav"))}
+
+
+def generate(speech: Speech, style: str | Request = "neutral", *, model: Model | None = None) -> Gesture:
     """Makes a gesturing body from a speech recording.
 
     Args:
-        speech: path of a WAV, FLAC or OGG file, any rate and any number of channels.
+        speech: path of a WAV, FLAC or OGG file of any rate and number of channels, or samples at 16 kHz, mono.
         style: the name of a bundled style, a path (.bvh or .npz), or a full `Request`.
         model: from `load_model`; the bundled model when left out.
 
@@ -68,7 +76,7 @@ def generate(speech: str | Path, style: str | Request = "neutral", *, model: Mod
     """
     request = style if isinstance(style, Request) else Request(styles=(str(style),))
     model = bundled_model() if model is None else model
-    wave = wav.normalize_loudness(wav.read(speech))
+    wave = speech if isinstance(speech, np.ndarray) else wav.read(speech)
     spectrum = jnp.asarray(speech_features.extract(wave, rate_hz=bvh.rate_hz(model.config.frame_time)))
     chosen = read_styles(request, model)
     start = starting_pose(request, chosen, model)
@@ -133,13 +141,13 @@ def synthesize(
 _decode = jax.jit(decode, static_argnames=("config",))
 
 
-def provenance(speech: str | Path, request: Request, model: Model) -> dict[str, Any]:
+def provenance(speech: Speech, request: Request, model: Model) -> dict[str, Any]:
     """Version, model, seed and arguments: what it takes to make the same bytes again."""
     return {
         "zeggs_jax": version("zeggs-jax"),
         "model_sha256": checkpoint.tree_digest(model.params),
         "seed": request.seed,
-        "speech": str(speech),
+        "speech": f"{len(speech)} samples" if isinstance(speech, np.ndarray) else str(speech),
         "arguments": request._asdict(),
     }
 
