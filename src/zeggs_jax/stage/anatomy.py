@@ -1,4 +1,4 @@
-"""What a skeleton is a skeleton of: its limbs, its stature, and where left, up and front are in every joint's frame."""
+"""Whose skeleton it is: its limbs, its stature, and where left, up and front are in every joint's frame."""
 
 from __future__ import annotations
 
@@ -35,15 +35,16 @@ class Sample(NamedTuple):
 def world(clip: Clip, frames: Sequence[int] | np.ndarray) -> Sample:
     """Some frames of a clip in world.
 
-    Kinematics gives places; rotations are read off three pointers, one metre long, that are fixed to every joint.
+    Kinematics gives places; rotations are read off three pointers, one metre long, fixed to every joint.
     """
     frames, count = np.asarray(frames), len(clip.skeleton)
+    clip = clip._replace(euler=clip.euler[frames], positions=clip.positions[frames])
     parents = (*clip.skeleton.parents, *np.repeat(np.arange(count), 3).tolist())
     pointers = np.tile(100.0 * np.eye(3), (len(frames), count, 1))
-    turns = np.asarray(local_quaternions(clip._replace(euler=clip.euler[frames], positions=clip.positions[frames])))
     straight = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(frames), 3 * count, 4))
-    places = np.concatenate([clip.positions[frames], pointers], axis=1), np.concatenate([turns, straight], axis=1)
-    pos = np.asarray(_forward(*(x.astype(np.float32) for x in places), parents), np.float64)
+    places = np.concatenate([clip.positions, pointers], axis=1, dtype=np.float32)
+    turns = np.concatenate([local_quaternions(clip), straight], axis=1, dtype=np.float32)
+    pos = np.asarray(_forward(places, turns, parents), np.float64)
     pos, ends = pos[:, :count], pos[:, count:].reshape(len(frames), count, 3, 3)
     return Sample(pos, np.swapaxes(ends - pos[:, :, None], -1, -2) / 100.0)
 
@@ -52,13 +53,14 @@ _forward = jax.jit(jax.vmap(kinematics.forward_positions, in_axes=(0, 0, None)),
 
 
 def at_rest(clip: Clip) -> Skeleton:
-    """The clip's skeleton with the bones as the frames show them: some files keep every bone in the channels."""
+    """The skeleton with bones as the frames show them: some files keep all of them in position channels."""
     offsets = np.median(clip.positions, axis=0)
-    return replace(clip.skeleton, offsets=np.where(np.arange(len(offsets))[:, None] > 0, offsets, clip.skeleton.offsets))
+    offsets[0] = clip.skeleton.offsets[0]
+    return replace(clip.skeleton, offsets=offsets)
 
 
 class Limb(NamedTuple):
-    """A chain of joints from the trunk outwards; `start` is the hip or shoulder, `middle` the knee or elbow."""
+    """A chain of joints from the trunk outwards, with the place of shoulder and elbow, or hip and knee."""
 
     joints: tuple[int, ...]
     start: int  # places in `joints`
@@ -80,10 +82,10 @@ class Anatomy(NamedTuple):
 
 
 def study(skeleton: Skeleton, sample: Sample) -> Anatomy:
-    """Name and measure the parts of a body; `spine` and `limbs` stay empty where the joint names say too little."""
+    """Name and measure a body; `spine` and `limbs` stay empty where the joint names say too little."""
     spine, limbs = find_limbs(skeleton)
-    left = sample.pos[:, limbs["left_foot"].joints[0]] - sample.pos[:, limbs["right_foot"].joints[0]] if limbs else None
-    left_world = level(left if left is not None else np.zeros((len(sample.pos), 3)))
+    hip, other = (limbs[role].joints[0] if limbs else 0 for role in ("left_foot", "right_foot"))
+    left_world = level(sample.pos[:, hip] - sample.pos[:, other])
     front_world = np.cross(left_world, [0.0, 1.0, 0.0])
     up_world = np.broadcast_to([0.0, 1.0, 0.0], left_world.shape)
     joints = range(len(skeleton.parents))
@@ -92,7 +94,9 @@ def study(skeleton: Skeleton, sample: Sample) -> Anatomy:
         axes = np.broadcast_to(rest[:, None], axes.shape)
     axes = unit(axes)
     facing = float(np.arctan2(front_world[:, 0].sum(), front_world[:, 2].sum()))
-    return Anatomy(skeleton, sample, spine, limbs, stature(sample, spine, limbs), *axes, facing)
+    left, up, front = axes
+    tall = stature(sample, spine, limbs)
+    return Anatomy(skeleton, sample, spine, limbs, tall, left, up, front, facing)
 
 
 def find_limbs(skeleton: Skeleton) -> tuple[tuple[int, ...], dict[str, Limb]]:
@@ -134,7 +138,7 @@ def fork(one: Sequence[int], other: Sequence[int]) -> int:
 def hinge(skeleton: Skeleton, chain: Sequence[int]) -> tuple[int, int]:
     """Places of the shoulder and elbow (hip and knee) in a chain: the split into the two most equal halves.
 
-    Collar bones in front and twist joints in between come in all numbers, under all names; lengths do not lie.
+    Collar bones in front and twist joints come in all numbers, under all names; lengths do not lie.
     """
     along = np.concatenate([[0.0], np.cumsum([np.linalg.norm(skeleton.offsets[j]) for j in chain[1:]])])
     best, found = np.inf, (0, 1)
@@ -148,12 +152,14 @@ def hinge(skeleton: Skeleton, chain: Sequence[int]) -> tuple[int, int]:
 
 
 def stature(sample: Sample, spine: Sequence[int], limbs: dict[str, Limb]) -> float:
-    """Standing height from the bones from sole to head, whatever the pose; else the height the clip takes up."""
+    """Standing height from the bones between sole and head, in any pose; else the height the clip fills."""
     if not limbs:
         size = np.ptp(sample.pos.reshape(-1, 3), axis=0)
         return float(max(size[1], 0.5 * size.max(), 1e-6))
     legs = [limbs[role].joints[limbs[role].start :] for role in ("left_foot", "right_foot")]
-    return float(max((np.mean([way_length(sample, leg) for leg in legs]) + way_length(sample, spine)) / 0.862, 1e-6))
+    return float(
+        max((np.mean([way_length(sample, leg) for leg in legs]) + way_length(sample, spine)) / 0.862, 1e-6)
+    )
 
 
 def way_length(sample: Sample, joints: Sequence[int]) -> float:
@@ -163,7 +169,7 @@ def way_length(sample: Sample, joints: Sequence[int]) -> float:
 
 
 def rest_axes(skeleton: Skeleton, spine: Sequence[int], limbs: dict[str, Limb]) -> np.ndarray | None:
-    """[3, 3] left, up and front of the rest pose, or None where the rest pose is not a body standing upright."""
+    """[3, 3] left, up and front of the rest pose, or None where that is no body standing upright."""
     pos = np.zeros((len(skeleton.parents), 3))
     for joint, parent in enumerate(skeleton.parents):
         pos[joint] = skeleton.offsets[joint] + (pos[parent] if parent >= 0 else 0.0)

@@ -1,12 +1,13 @@
 """A body for any skeleton: shapes fastened to its joints, thick where people are thick.
 
-Thicknesses are shares of the stature, read off along each limb's own length: a skeleton with 22 joints and one with 83
-come out equally stout.
+Thicknesses are shares of the stature, read off along each limb's own length: a skeleton with 22 joints and
+one with 83 come out equally stout.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -25,20 +26,18 @@ from zeggs_jax.stage.shapes import (
     Station,
     across,
     lowest,
-    measure,
     pill,
     places_along,
 )
 
 # The place is 0 at the shoulder or hip, 1 at the elbow or knee, 2 at the end.
-ARM = ((0.0, 0.0325), (0.35, 0.0285), (1.0, 0.0220), (1.25, 0.0240), (2.0, 0.0150))
-LEG = ((0.0, 0.0485), (0.40, 0.0460), (1.0, 0.0315), (1.30, 0.0345), (2.0, 0.0210))
+ARM = Outline((0.0, 0.35, 1.0, 1.25, 2.0), (0.0325, 0.0285, 0.0220, 0.0240, 0.0150))
+LEG = Outline((0.0, 0.40, 1.0, 1.30, 2.0), (0.0485, 0.0460, 0.0315, 0.0345, 0.0210))
 # The place is 0 at the pelvis, 0.89 at the height of the shoulders, 1 where the neck begins.
-TRUNK_WIDTH = ((0.03, 0.0935), (0.1, 0.0915), (0.25, 0.0830), (0.4, 0.0785), (0.55, 0.0830), (0.7, 0.0895),
-               (0.8, 0.0880), (0.88, 0.0750), (0.95, 0.0500), (1.0, 0.0375))  # fmt: skip
-TRUNK_DEPTH = ((0.03, 0.0670), (0.1, 0.0660), (0.25, 0.0605), (0.4, 0.0580), (0.55, 0.0620), (0.7, 0.0670),
-               (0.8, 0.0665), (0.88, 0.0600), (0.95, 0.0460), (1.0, 0.0380))  # fmt: skip
-NECK = ((0.9, 0.0335), (1.0, 0.0320), (1.1, 0.0310))
+HEIGHTS = (0.03, 0.1, 0.25, 0.4, 0.55, 0.7, 0.8, 0.88, 0.95, 1.0)
+TRUNK_WIDTH = Outline(HEIGHTS, (0.0935, 0.0915, 0.083, 0.0785, 0.083, 0.0895, 0.088, 0.075, 0.050, 0.0375))
+TRUNK_DEPTH = Outline(HEIGHTS, (0.0670, 0.0660, 0.0605, 0.058, 0.062, 0.067, 0.0665, 0.060, 0.046, 0.038))
+NECK = Outline((0.9, 1.0, 1.1), (0.0335, 0.0320, 0.0310))
 
 
 class Body(NamedTuple):
@@ -77,24 +76,30 @@ def limb(body: Anatomy, chain: Limb, outline: Outline, tone: int) -> Iterator[Pa
     """Round shapes along an arm or leg; twist joints on the way do not change its outline."""
     upper, lower = chain.joints[chain.start : chain.middle + 1], chain.joints[chain.middle :]
     for joints, first in ((upper, 0.0), (lower, 1.0)):
-        along = np.cumsum([0.0, *(np.linalg.norm(body.skeleton.offsets[j]) for j in joints[1:])])
+        along = lengths_along(body, joints)
         whole = max(float(along[-1]), 1e-9)
-        for joint, child, a, b in zip(joints, joints[1:], along, along[1:], strict=False):
+        for (joint, child), (a, b) in zip(pairwise(joints), pairwise(along), strict=True):
             if b - a < 1e-3 * body.stature:
                 continue
             way = unit(body.skeleton.offsets[child])
             side = across(body.left[joint], way)
             stations = []
             for place in places_along(first + a / whole, first + b / whole, 0.25):
-                width, growth = measure(outline, place, body.stature)
+                width, growth = outline.at(place, body.stature)
                 at = way * ((place - first) * whole - a)
                 stations.append(Station(joint, at, side, way, width, width, width, growth / whole))
             yield Part(tone, tuple(stations))
 
 
+def lengths_along(body: Anatomy, joints: Sequence[int]) -> np.ndarray:
+    """The way along the bones from the first of some joints to each of them."""
+    bones = np.linalg.norm(body.skeleton.offsets[list(joints[1:])], axis=1)
+    return np.concatenate([[0.0], np.cumsum(bones)])
+
+
 def spine_places(body: Anatomy) -> tuple[np.ndarray, float]:
-    """The place of every joint of the spine, scaled so that the shoulders sit where the shoulders are; length per place."""
-    along = np.cumsum([0.0, *(np.linalg.norm(body.skeleton.offsets[j]) for j in body.spine[1:])])
+    """The place of every joint of the spine, fitted to the shoulders' height; the length of one place."""
+    along = lengths_along(body, body.spine)
     shoulders, _ = middle_of(body, "left_hand", "right_hand")
     unit_length = float(np.clip(np.linalg.norm(shoulders), 0.15 * body.stature, 0.4 * body.stature)) / 0.89
     return along / unit_length, unit_length
@@ -102,7 +107,8 @@ def spine_places(body: Anatomy) -> tuple[np.ndarray, float]:
 
 def middle_of(body: Anatomy, *roles: str) -> tuple[np.ndarray, float]:
     """The middle [3] between both shoulders or hips in the pelvis' frame, and how far they are from it."""
-    one, other = (body.sample.seen_from(body.spine[0], limb.joints[limb.start]) for limb in (body.limbs[r] for r in roles))
+    limbs = [body.limbs[role] for role in roles]
+    one, other = (body.sample.seen_from(body.spine[0], limb.joints[limb.start]) for limb in limbs)
     return 0.5 * (one + other), 0.5 * float(np.linalg.norm(one - other))
 
 
@@ -117,14 +123,14 @@ def spine(body: Anatomy) -> Iterator[Part]:
         ((NECK, NECK), SKIN, 0.3, 0.96, places[-1]),
     ):
         stations = []
-        for joint, child, a, b in zip(body.spine, body.spine[1:], places, places[1:], strict=False):
+        for (joint, child), (a, b) in zip(pairwise(body.spine), pairwise(places), strict=True):
             low, high = max(a, first), min(b, last)
             if b - a < 1e-3 or high - low < 1e-3:
                 continue
             ends = places_along(low, high, 0.14)
-            for place in ends if high == last else ends[:-1]:  # the last ellipse of a bone is the next one's first
-                width, growth = measure(width_of, place, body.stature)
-                depth, _ = measure(depth_of, place, body.stature)
+            for place in ends if high == last else ends[:-1]:  # a bone's last is the next one's first
+                width, growth = width_of.at(place, body.stature)
+                depth, _ = depth_of.at(place, body.stature)
                 width *= 1.0 + wider * max(0.0, 1.0 - place / 0.35)
                 at, up = body.skeleton.offsets[child] * (place - a) / (b - a), body.up[joint]
                 side = across(body.left[joint], up)
@@ -153,7 +159,8 @@ def collar(body: Anatomy, arm: Limb) -> Part:
     places, length = spine_places(body)
     above = int(np.argmax(places > 0.9)) if places[-1] > 0.9 else len(places) - 1
     neck = body.sample.seen_from(base, body.spine[above]) - body.up[base] * (places[above] - 0.95) * length
-    return pill(base, TOP, neck + 0.45 * (shoulder - neck), shoulder, body.front[base], 0.031 * size, 0.0335 * size)
+    start = neck + 0.45 * (shoulder - neck)
+    return pill(base, TOP, start, shoulder, body.front[base], 0.031 * size, 0.0335 * size)
 
 
 def head(body: Anatomy) -> Iterator[Part]:
@@ -166,13 +173,17 @@ def head(body: Anatomy) -> Iterator[Part]:
         return pill(joint, tone, np.array(start) @ axes, np.array(end) @ axes, body.left[joint], *sizes)
 
     yield shape(SKIN, (0, 0.028, 0.002), (0, 0.047, 0.001), (0.0435, 0.053, 0.043), (0.0425, 0.052, 0.040))
-    yield shape(HAIR, (0, 0.030, -0.011), (0, 0.056, 0.0005), (0.0452, 0.0500, 0.034), (0.0445, 0.0530, 0.0375))
+    yield shape(
+        HAIR, (0, 0.030, -0.011), (0, 0.056, 0.0005), (0.0452, 0.0500, 0.034), (0.0445, 0.0530, 0.0375)
+    )
     yield shape(SKIN, (0, 0.016, 0.016), (0, -0.018, 0.026), (0.0375, 0.038, 0.03), (0.0255, 0.0235, 0.022))
     yield shape(SKIN, (0, 0.018, 0.055), (0, 0.002, 0.063), (0.0045, 0.005, 0.005), (0.0075, 0.007, 0.006))
     for x in (1, -1):
         eye, ear = 0.0175 * x, 0.0435 * x
         yield shape(DARK, (eye, 0.0215, 0.0475), (eye, 0.0245, 0.0475), (0.0058,) * 3, (0.0058,) * 3)
-        yield shape(SKIN, (ear, 0.006, -0.004), (ear, 0.02, -0.008), (0.004, 0.008, 0.006), (0.0045, 0.0105, 0.007))
+        yield shape(
+            SKIN, (ear, 0.006, -0.004), (ear, 0.02, -0.008), (0.004, 0.008, 0.006), (0.0045, 0.0105, 0.007)
+        )
 
 
 def sticks(body: Anatomy) -> Iterator[Part]:
@@ -182,4 +193,6 @@ def sticks(body: Anatomy) -> Iterator[Part]:
         length = float(np.linalg.norm(bone))
         if parent >= 0 and length > 1e-3 * body.stature:
             radius = float(np.clip(0.12 * length, 0.005 * body.stature, 0.022 * body.stature))
-            yield pill(parent, TOP, np.zeros(3), bone, np.eye(3)[np.argmin(np.abs(bone))], radius, 0.8 * radius)
+            yield pill(
+                parent, TOP, np.zeros(3), bone, np.eye(3)[np.argmin(np.abs(bone))], radius, 0.8 * radius
+            )

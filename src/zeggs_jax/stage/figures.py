@@ -1,4 +1,4 @@
-"""Pictures of motion: a strip of poses, several instants side by side and several clips one below the other, as SVG."""
+"""Pictures of motion: a strip of poses as SVG, instants side by side and clips one below the other."""
 
 from __future__ import annotations
 
@@ -13,9 +13,20 @@ from zeggs_jax.motion.bvh import Clip
 from zeggs_jax.stage import anatomy, body, shapes
 from zeggs_jax.stage.player import COLOURS, save
 
-WEAR = {shapes.SKIN: "#ddb294", shapes.LEGS: "#555b66", shapes.SHOES: "#3a3d44", shapes.DARK: "#26272b", shapes.HAIR: "#4b3f39"}
+WEAR = {
+    shapes.SKIN: "#ddb294",
+    shapes.LEGS: "#555b66",
+    shapes.SHOES: "#3a3d44",
+    shapes.DARK: "#26272b",
+    shapes.HAIR: "#4b3f39",
+}
 LAMP = np.array([-0.45, 0.72, 0.53])  # right, up, towards the eye
 BINS = 24
+STYLE = (
+    "text{font:600 17px Inter,'Segoe UI',system-ui,sans-serif;fill:#3c4048}"
+    "@media(prefers-color-scheme:dark){text{fill:#d5d7dc}}"
+)
+BLUR = '<filter id="soft" y="-80%" height="260%"><feGaussianBlur stdDeviation="2.2"/></filter>'
 
 
 class Layout(NamedTuple):
@@ -38,23 +49,28 @@ def pose_strip(
 ) -> None:
     """Write an SVG with one row for each clip and one pose for each time.
 
-    `times` are seconds, the same for all rows; left out, `count` instants spread over each clip. Needs nothing but a
-    browser to look at. Raises ValueError without clips, with labels or times that do not fit, OSError where the
-    file cannot be written.
+    `times` are seconds, the same for all rows; left out, `count` instants spread over each clip. Raises
+    ValueError without clips, with labels or times that do not fit; OSError where it cannot be written.
     """
     clips = [clips] if isinstance(clips, Clip) else list(clips)
     if not clips:
         raise ValueError("the strip of poses got no clips; give at least one.")
     if labels and len(labels) != len(clips):
-        raise ValueError(f"the strip of poses got {len(labels)} labels for {len(clips)} clips; give one for each.")
+        raise ValueError(
+            f"the strip of poses got {len(labels)} labels for {len(clips)} clips; give one for each."
+        )
     for clip in clips:
         end = len(clip.euler) * clip.frame_time
         if any(not 0 <= time <= end for time in times):
-            raise ValueError(f"the strip of poses got times {list(times)}, but a clip lasts from 0 to {end:.2f} s.")
+            raise ValueError(
+                f"the strip of poses got times {list(times)}, but a clip lasts from 0 to {end:.2f} s."
+            )
     save(path, strip(clips, labels, times, count, layout or Layout()))
 
 
-def strip(clips: Sequence[Clip], labels: Sequence[str], times: Sequence[float], count: int, layout: Layout) -> str:
+def strip(
+    clips: Sequence[Clip], labels: Sequence[str], times: Sequence[float], count: int, layout: Layout
+) -> str:
     """The SVG text of `pose_strip`."""
     columns, left = len(times) or count, layout.label if any(labels) else 0
     used: set[tuple[str, int]] = set()
@@ -66,22 +82,23 @@ def strip(clips: Sequence[Clip], labels: Sequence[str], times: Sequence[float], 
             text = html.escape(labels[number])
             rows.append(f'<text x="4" y="{(number + 0.55) * layout.height:.0f}">{text}</text>')
         for column, figure in enumerate(row(clip, instants, COLOURS[number % len(COLOURS)], layout, used)):
-            rows.append(f'<g transform="translate({left + (column + 0.5) * layout.width:g} {y:g})">{figure}</g>')
+            rows.append(
+                f'<g transform="translate({left + (column + 0.5) * layout.width:g} {y:g})">{figure}</g>'
+            )
     width, height = left + columns * layout.width, len(clips) * layout.height
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" role="img">'
-        f"<title>{html.escape('Poses: ' + ', '.join(labels) if labels else 'A strip of poses')}</title>"
-        "<style>text{font:600 17px Inter,'Segoe UI',system-ui,sans-serif;fill:#3c4048}"
-        "@media(prefers-color-scheme:dark){text{fill:#d5d7dc}}</style>"
-        f"<defs>{''.join(gradient(colour, bin_) for colour, bin_ in sorted(used))}"
-        '<filter id="soft" x="-30%" y="-80%" width="160%" height="260%"><feGaussianBlur stdDeviation="2.2"/></filter></defs>'
-        f"{''.join(rows)}</svg>\n"
-    )
+    title = html.escape("Poses: " + ", ".join(labels) if labels else "A strip of poses")
+    gradients = "".join(gradient(colour, bin_) for colour, bin_ in sorted(used))
+    size = f'viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
+    head = f"<title>{title}</title><style>{STYLE}</style><defs>{gradients}{BLUR}</defs>"
+    body = "".join(rows)
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img">{head}{body}</svg>\n'
 
 
-def row(clip: Clip, instants: Sequence[float], colour: str, layout: Layout, used: set[tuple[str, int]]) -> list[str]:
+def row(
+    clip: Clip, instants: Sequence[float], colour: str, layout: Layout, used: set[tuple[str, int]]
+) -> list[str]:
     """One drawing for each instant, standing on y = 0 around x = 0."""
-    frames = [min(int(round(time / clip.frame_time)), len(clip.euler) - 1) for time in instants]
+    frames = [min(round(time / clip.frame_time), len(clip.euler) - 1) for time in instants]
     sample = anatomy.world(clip, np.linspace(0, len(clip.euler) - 1, 96).round().astype(int))
     dressed = body.dress(anatomy.at_rest(clip), sample)
     tall = max(float(np.quantile(sample.pos[..., 1].max(axis=1), 0.98)) - dressed.floor, dressed.stature)
@@ -103,18 +120,20 @@ def camera(yaw: float, pitch: float) -> np.ndarray:
     return np.stack([right, np.cross(back, right), back])
 
 
-def draw(pieces: Sequence[shapes.Piece], view: np.ndarray, wear: dict[int, str], used: set[tuple[str, int]]) -> str:
+def draw(
+    pieces: Sequence[shapes.Piece], view: np.ndarray, wear: dict[int, str], used: set[tuple[str, int]]
+) -> str:
     """A shadow on the ground, then the pieces from far to near."""
-    lamp = view.T @ LAMP / np.linalg.norm(view[0]) ** 2 * np.linalg.norm(view[0])
+    lamp = view.T @ LAMP
     shadow = []
     for piece in pieces:
         if np.ptp(piece.points, axis=0).max() * np.linalg.norm(view[0]) > 7.0:
             fallen = piece.points - lamp * (piece.points[:, 1:2] / lamp[1])
-            shadow.append(path_of(shapes.hull((fallen @ view.T)[:, :2] * [1.0, -1.0]), 0))
+            shadow.append(path_of(shapes.hull(on_paper(fallen, view)), 0))
     drawn = [f'<path d="{"".join(shadow)}" fill="#14161c" opacity=".2" filter="url(#soft)"/>']
     for piece in sorted(pieces, key=lambda piece: float(piece.ends.mean(axis=0) @ view[2])):
         colour = wear[piece.tone]
-        points, ends = (piece.points @ view.T)[:, :2] * [1.0, -1.0], (piece.ends @ view.T)[:, :2] * [1.0, -1.0]
+        points, ends = (on_paper(x, view) for x in (piece.points, piece.ends))
         along = ends[1] - ends[0]
         angle = float(np.arctan2(along[1], along[0])) if np.linalg.norm(along) > 0.05 else np.pi / 2
         bin_ = round(angle / (2.0 * np.pi) * BINS) % BINS
@@ -128,6 +147,11 @@ def draw(pieces: Sequence[shapes.Piece], view: np.ndarray, wear: dict[int, str],
     return "".join(drawn)
 
 
+def on_paper(points: np.ndarray, view: np.ndarray) -> np.ndarray:
+    """World points [n, 3] -> right and down on the paper [n, 2]."""
+    return (points @ view.T)[:, :2] * [1.0, -1.0]
+
+
 def path_of(points: np.ndarray, digits: int) -> str:
     """A closed path, every point relative to the one before."""
     whole = np.rint(points * 10**digits).astype(int)
@@ -137,11 +161,12 @@ def path_of(points: np.ndarray, digits: int) -> str:
     def short(value: int) -> str:
         return f"{value / 10**digits:g}"
 
-    return f"M{short(whole[0, 0])} {short(whole[0, 1])}l" + " ".join(f"{short(x)} {short(y)}" for x, y in steps) + "z"
+    start, *rest = (f"{short(x)} {short(y)}" for x, y in (whole[0].tolist(), *steps.tolist()))
+    return f"M{start}l{' '.join(rest)}z"
 
 
 def gradient(colour: str, bin_: int) -> str:
-    """Light across a limb that lies at an angle on the paper: the lamp shines from the upper left, in front."""
+    """Light across a limb at an angle on the paper: the lamp shines from the upper left, in front."""
     angle = 2.0 * np.pi * bin_ / BINS
     across = np.array([-np.sin(angle), -np.cos(angle), 0.0])  # what points down the unrotated paper
     base = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
@@ -151,8 +176,10 @@ def gradient(colour: str, bin_: int) -> str:
         normal = s * across + np.sqrt(1.0 - s * s) * np.array([0.0, 0.0, 1.0])
         light = 0.30 + 0.12 * normal[1] + 0.78 * max(float(normal @ LAMP), 0.0)
         rgb = np.clip(np.sqrt(base**2 * light), 0.0, 1.0)
-        stops.append(f'<stop offset="{offset:g}" stop-color="#{"".join(f"{round(255 * c):02x}" for c in rgb)}"/>')
-    return f'<linearGradient id="{name_of(colour, bin_)}" x2="0" y2="1">{"".join(stops)}</linearGradient>'
+        shade = "".join(f"{round(255 * c):02x}" for c in rgb)
+        stops.append(f'<stop offset="{offset:g}" stop-color="#{shade}"/>')
+    name = name_of(colour, bin_)
+    return f'<linearGradient id="{name}" x2="0" y2="1">{"".join(stops)}</linearGradient>'
 
 
 def name_of(colour: str, bin_: int) -> str:

@@ -1,4 +1,4 @@
-"""One self-contained page that plays bodies in step with their speech: open it anywhere, it asks the network for nothing."""
+"""One self-contained page that plays bodies in step with their speech; it asks the network for nothing."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ from zeggs_jax.stage.shapes import Station
 COLOURS = ("#c4674a", "#3f8f8a", "#4f79b8", "#cf9f3d", "#8a5c90", "#78994f", "#cc7790", "#64788e")
 """What the figures wear, in turn, on the page and in strips of poses."""
 
-Speech = str | Path | tuple[np.ndarray, float] | None
+SCRIPTS = ("motion", "webgl", "canvas", "main")
+
+Speech = str | Path | tuple[np.ndarray, float | int] | None
 
 
 class Figure(NamedTuple):
@@ -49,11 +51,11 @@ def write(
     title: str = "Gestures",
     max_rate: float = 60.0,
 ) -> None:
-    """Write the page. Figures stand side by side and share one clock and one camera; equal speech is stored once.
+    """Write the page. Figures stand side by side with one clock and one camera; equal speech is stored once.
 
-    Motion is stored as local quaternions and moving positions in 16 bits (world places within 0.1 mm times the depth of the
-    chain), every n-th frame when a clip has more than `max_rate` frames a second. Raises ValueError without
-    figures or with motion that is not finite, OSError where the page or a sound cannot be written or read.
+    Motion is stored as local quaternions and moving positions in 16 bits (fingertips within 0.5 mm), every
+    n-th frame when a clip has more than `max_rate` frames a second. Raises ValueError without figures, with
+    motion that is not finite or a sound that cannot be read, OSError where the page cannot be written.
     """
     if not figures:
         raise ValueError("the player got no figures; give at least one clip to show.")
@@ -77,7 +79,7 @@ def page(title: str, scene: dict[str, Any]) -> str:
     fill = {
         "title": html.escape(title),
         "style": (folder / "style.css").read_text("utf-8"),
-        "script": "\n".join((folder / f"{name}.js").read_text("utf-8") for name in ("motion", "webgl", "canvas", "main")),
+        "script": "\n".join((folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS),
         "scene": json.dumps(scene, separators=(",", ":")).replace("<", "\\u003c"),
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda hole: fill[hole[1]], (folder / "index.html").read_text("utf-8"))
@@ -89,9 +91,10 @@ def pack_figure(figure: Figure, max_rate: float) -> dict[str, Any]:
     if not len(clip.euler):
         raise ValueError(f"the clip of figure '{figure.label}' has no frames; give one with at least one.")
     if not (np.isfinite(clip.euler).all() and np.isfinite(clip.positions).all()):
-        raise ValueError(f"the motion of figure '{figure.label}' holds values that are not finite; repair the clip.")
+        raise ValueError(f"the motion of figure '{figure.label}' has values that are not finite; repair it.")
     step = int(np.ceil(1.0 / (clip.frame_time * max_rate) - 1e-3))
-    clip = clip._replace(euler=clip.euler[::step], positions=clip.positions[::step], frame_time=clip.frame_time * step)
+    euler, positions = clip.euler[::step], clip.positions[::step]
+    clip = clip._replace(euler=euler, positions=positions, frame_time=clip.frame_time * step)
     skeleton, frames = anatomy.at_rest(clip), np.linspace(0, len(clip.euler) - 1, 96).round().astype(int)
     dressed = body.dress(skeleton, anatomy.world(clip, frames))
     scale = metres(dressed.stature)
@@ -119,7 +122,7 @@ def pack_figure(figure: Figure, max_rate: float) -> dict[str, Any]:
     }
 
 
-def pack_station(s: Station, scale: float) -> list[float]:
+def pack_station(s: Station, scale: float) -> list:
     """One ellipse of a shape as 14 numbers, lengths in metres."""
     sizes = scale * np.array([s.width, s.depth, s.cap])
     return [s.joint, *rounded(np.concatenate([scale * s.centre, s.side, s.along, sizes, [s.slope]]))]
@@ -133,7 +136,7 @@ def continuous(clip: Clip) -> Float[np.ndarray, "T J 4"]:
 
 
 def metres(stature: float) -> float:
-    """Metres per unit of a skeleton: of the units people use, the one that makes it man-high; else a 1.7 m body."""
+    """Metres per unit: of the units people use, the one that makes the body man-high; else it gets 1.7 m."""
     units = np.array([1.0, 0.1, 0.01, 0.001, 0.0254, 0.3048])
     best = units[np.argmin(np.abs(np.log(units * stature / 1.7)))]
     return float(best) if 1.1 < best * stature < 2.4 else 1.7 / stature
@@ -145,7 +148,7 @@ def rounded(values: np.ndarray) -> list:
 
 
 def pack(values: np.ndarray) -> str:
-    """[rows, n] 16-bit numbers -> base64 text: differences along a row, low bytes then high bytes, deflated."""
+    """[rows, n] 16-bit numbers -> base64 text: differences along rows, low bytes, then high, deflated."""
     whole = np.asarray(values).astype(np.int16)
     steps = np.diff(whole, axis=1, prepend=np.zeros((len(whole), 1), np.int16))
     planes = np.ascontiguousarray(steps.astype("<i2")).view(np.uint8).reshape(-1, 2).T
@@ -159,7 +162,7 @@ def unpack(text: str, rows: int) -> np.ndarray:
     return np.cumsum(steps, axis=1, dtype=np.int16)
 
 
-def read_speech(speech: str | Path | tuple[np.ndarray, float]) -> tuple[np.ndarray, int]:
+def read_speech(speech: str | Path | tuple[np.ndarray, float | int]) -> tuple[np.ndarray, int]:
     """Mono 16-bit samples [n] and their rate, at most 24 kHz: enough for a voice."""
     if isinstance(speech, tuple):
         samples, rate = np.asarray(speech[0], np.float32), speech[1]
@@ -169,10 +172,14 @@ def read_speech(speech: str | Path | tuple[np.ndarray, float]) -> tuple[np.ndarr
         try:
             samples, rate = soundfile.read(speech, dtype="float32")
         except (soundfile.LibsndfileError, TypeError) as error:
-            raise ValueError(f"'{speech}' is not a sound file that can be read; give WAV, FLAC or OGG.") from error
+            raise ValueError(
+                f"'{speech}' is not a sound file that can be read; give WAV, FLAC or OGG."
+            ) from error
     samples = samples.mean(axis=1) if samples.ndim == 2 else samples
     if samples.ndim != 1 or not samples.size or not np.isfinite(samples).all():
-        raise ValueError(f"speech has shape {samples.shape} or values that are not finite; give samples [n] within -1 and 1.")
+        raise ValueError(
+            f"speech of shape {samples.shape} is empty or not finite; give samples [n] within -1 and 1."
+        )
     if rate > 24000:
         samples, rate = soxr.resample(samples, rate, 24000), 24000
     return np.clip(np.rint(samples * 32767.0), -32768, 32767).astype(np.int16), round(rate)
@@ -187,4 +194,4 @@ def save(path: str | Path, text: str) -> None:
         os.replace(partial, path)
     except OSError as error:
         partial.unlink(missing_ok=True)
-        raise OSError(f"'{path}' cannot be written ({error.strerror}); name a file in a folder you may write to.") from error
+        raise OSError(f"'{path}' cannot be written ({error.strerror}); name a folder that exists.") from error

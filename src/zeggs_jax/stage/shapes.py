@@ -1,4 +1,4 @@
-"""The rounded shapes a body is made of: ellipses strung on a line, each fixed to a joint, the ends rounded off."""
+"""The rounded shapes of a body: ellipses strung on a line, each fixed to a joint, the ends rounded off."""
 
 from __future__ import annotations
 
@@ -12,7 +12,21 @@ from zeggs_jax.stage.anatomy import Sample, unit
 SKIN, TOP, LEGS, SHOES, DARK, HAIR = range(6)
 """Tones: which colour a shape takes; the page and the strip of poses hold the colours themselves."""
 
-Outline = Sequence[tuple[float, float]]  # (place along a limb, half-width as a share of the stature)
+
+class Outline(NamedTuple):
+    """Half-widths, as shares of the stature, at places along a limb."""
+
+    places: tuple[float, ...]
+    widths: tuple[float, ...]
+
+    def at(self, place: float, scale: float) -> tuple[float, float]:
+        """Half-width at a place, the corners smoothed, and its growth per unit of place."""
+        near = np.linspace(-0.08, 0.08, 9)
+        before, width, after = (
+            float(np.mean(np.interp(near + x, self.places, self.widths)))
+            for x in (place - 0.04, place, place + 0.04)
+        )
+        return scale * width, scale * (after - before) / 0.08
 
 
 class Station(NamedTuple):
@@ -36,16 +50,19 @@ class Part(NamedTuple):
 
 
 def pill(joint: int, tone: int, start, end, side, start_size, end_size) -> Part:
-    """A shape between two ellipses fixed to one joint; a size is (half-width, half-depth, cap) or one radius."""
+    """A shape between two ellipses fixed to one joint; sizes are (width, depth, cap) or a radius."""
     bone = np.asarray(end) - np.asarray(start)
     length = float(np.linalg.norm(bone))
     along = unit(bone) if length > 1e-9 else unit(np.cross(side, [0.0, 1.0, 0.0]) + 1e-6)
-    sizes = [(size,) * 3 if np.isscalar(size) else tuple(size) for size in (start_size, end_size)]
-    slope = (sizes[1][0] - sizes[0][0]) / length if length > 1e-9 else 0.0
+    sizes = [np.broadcast_to(np.asarray(size, float), 3) for size in (start_size, end_size)]
+    slope = float(sizes[1][0] - sizes[0][0]) / length if length > 1e-9 else 0.0
     side = across(np.asarray(side), along)
-    return Part(
-        tone, tuple(Station(joint, at, side, along, *size, slope) for at, size in zip((start, end), sizes, strict=True))
-    )
+    ends = []
+    for at, (width, depth, cap) in zip((start, end), sizes, strict=True):
+        ends.append(
+            Station(joint, np.asarray(at), side, along, float(width), float(depth), float(cap), slope)
+        )
+    return Part(tone, tuple(ends))
 
 
 def across(side: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -54,13 +71,6 @@ def across(side: np.ndarray, along: np.ndarray) -> np.ndarray:
     if np.linalg.norm(straight) < 1e-3:
         straight = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
     return unit(straight)
-
-
-def measure(outline: Outline, place: float, scale: float) -> tuple[float, float]:
-    """Half-width of an outline at a place, its corners smoothed, and its growth per unit of place."""
-    near = np.linspace(-0.08, 0.08, 9)
-    before, width, after = (np.interp(near + at, *zip(*outline, strict=True)).mean() for at in (place - 0.04, place, place + 0.04))
-    return scale * float(width), scale * float(after - before) / 0.08
 
 
 def places_along(low: float, high: float, step: float) -> list[float]:
@@ -78,7 +88,7 @@ def lowest(parts: Sequence[Part], sample: Sample) -> np.ndarray:
 
 
 class Piece(NamedTuple):
-    """What lies between two neighbouring ellipses of a shape: convex, so its outline is the hull of its points."""
+    """What lies between two neighbouring ellipses of a shape; its outline is the hull of its points."""
 
     tone: int
     ends: np.ndarray  # [2, 3] centres of the two ellipses, world
@@ -101,9 +111,10 @@ def pieces(parts: Sequence[Part], pos: np.ndarray, mat: np.ndarray, around: int 
 
 
 def ring(part: Part, number: int, around: int) -> np.ndarray:
-    """[n, 3] points on one ellipse of a shape, and on its rounded end if it is the first or the last."""
+    """[n, 3] points on one ellipse of a shape, and on the rounded end if it has one."""
     s, turn = part.stations[number], 2.0 * np.pi * np.arange(around) / around
-    ellipse = np.cos(turn)[:, None] * s.side * s.width + np.sin(turn)[:, None] * np.cross(s.along, s.side) * s.depth
+    deep = np.cross(s.along, s.side)
+    ellipse = np.cos(turn)[:, None] * s.side * s.width + np.sin(turn)[:, None] * deep * s.depth
     end = (number == len(part.stations) - 1) - (number == 0)
     tilts = (0.0, 0.6, 1.15) if end else (0.0,)
     return np.concatenate([s.centre + np.cos(a) * ellipse + end * np.sin(a) * s.cap * s.along for a in tilts])

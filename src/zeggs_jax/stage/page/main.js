@@ -84,7 +84,7 @@ class Clock {
     const led = audio && this.sounding && !this.blocked && !audio.paused;
     const waiting = led && (audio.seeking || audio.readyState < 3);
     this.waited = waiting ? this.waited + passed : 0;
-    if (!(waiting && this.waited < 2)) this.time += (led ? passed : Math.min(passed, 0.25)) * this.speed;
+    if (!(waiting && this.waited < 2)) this.time += (led ? passed : Math.min(passed, 1)) * this.speed;
     if (led && !waiting) {
       const gap = audio.currentTime - this.time;
       this.time += Math.abs(gap) > 0.1 ? gap : gap * Math.min(1, passed * 5);
@@ -176,11 +176,17 @@ async function main() {
     drawWave(); redraw();
   }
 
-  function frame() {
+  let fine = 1, pace = 16, before = 0;                   // a slow machine gets a coarser picture, not a slower one
+  function frame(now) {
+    if (clock.playing) {
+      pace += (Math.min(now - before, 500) - pace) * 0.15;
+      if (pace > 45 && fine > 0.5) { fine = Math.max(fine * 0.8, 0.5); pace = 30; }
+    }
+    before = now;
     clock.tick();
     const state = clock.time.toFixed(4);
     if ((dirty || state !== drawn) && renderer && cells.length) {
-      const scale = Math.min(devicePixelRatio || 1, 2), [w, h] = [canvas.clientWidth, canvas.clientHeight].map(v => Math.round(v * scale));
+      const scale = Math.min(devicePixelRatio || 1, 2) * (clock.playing ? fine : 1), [w, h] = [canvas.clientWidth, canvas.clientHeight].map(v => Math.round(v * scale));
       if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
       figures.forEach(figure => figure.pose(clock.time));
       renderer.draw(figures.map((figure, i) => viewOf(figure, room, cells[i], scale, canvas, clock.time)), look);

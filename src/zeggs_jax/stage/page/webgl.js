@@ -65,6 +65,7 @@ float lines(vec2 p, float every) {
 }
 void main() {
   float far = length(vWorld.xz - centre.xz), fade = 1.0 - smoothstep(0.35 * reach, 0.95 * reach, far);
+  if (fade <= 0.0) discard;
   float shade = 1.0 - lit(vWorld, 0.004 + 0.011 * clamp(far, 0.0, 1.5));
   float contact = 0.0;
   for (int i = 0; i < 6; i++) { vec3 d = vWorld - blobs[i].xyz; contact += blobs[i].w * blobs[i].w / (dot(d, d) + 0.4 * blobs[i].w * blobs[i].w); }
