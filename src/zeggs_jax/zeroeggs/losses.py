@@ -108,7 +108,7 @@ def kl_weight(
     step: ArrayLike, limit: ArrayLike = 0.2, middle: ArrayLike = 7500.0, slope: ArrayLike = 0.005
 ) -> Float[Array, ""]:
     """Annealed weight of the divergence at update `step`: a sigmoid, capped (released: at 0.2, from 7,223 on)."""
-    return jnp.minimum(jax.nn.sigmoid(slope * (jnp.asarray(step, jnp.float32) - middle)), limit)
+    return jnp.minimum(jax.nn.sigmoid(slope * (jnp.asarray(step) * 1.0 - middle)), limit)
 
 
 def total(terms: Terms, divergence: ArrayLike) -> Float[Array, ""]:
