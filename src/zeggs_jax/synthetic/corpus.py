@@ -133,7 +133,7 @@ def write(folder: str | Path, config: CorpusConfig | None = None) -> list[Take]:
 
 
 def style_clip(
-    style: str | StyleFactors, seconds: float = 10.0, rate_hz: int = 30, seed: int = 0
+    style: str | StyleFactors, seconds: float | int = 10, rate_hz: int = 30, seed: int = 0
 ) -> bvh.Clip:
     """An example clip of a style, performed to synthetic speech (the input of Fig. 3b)."""
     factors = styles.find(style) if isinstance(style, str) else style

@@ -58,7 +58,7 @@ def _clavicles(
     return np.stack([lift, forward], axis=-1)
 
 
-def _wrists(hands: Float[np.ndarray, "T 2 5"], rate_hz: float) -> Float[np.ndarray, "T 2"]:
+def _wrists(hands: Float[np.ndarray, "T 2 5"], rate_hz: float | int) -> Float[np.ndarray, "T 2"]:
     """Wrist flexion: the hand trails behind the forearm when it rises or falls."""
     speed = np.gradient(hands[..., 1], axis=0) * rate_hz
     kernel = np.hanning(max(3, int(0.2 * rate_hz)) + 2)
@@ -68,7 +68,7 @@ def _wrists(hands: Float[np.ndarray, "T 2 5"], rate_hz: float) -> Float[np.ndarr
 
 
 def perform(
-    prosody: Prosody, style: StyleFactors, frames: int, rate_hz: float = 30.0, seed: int = 0
+    prosody: Prosody, style: StyleFactors, frames: int, rate_hz: float | int = 30, seed: int = 0
 ) -> bvh.Clip:
     """Gesture to `prosody` in `style` for `frames` frames: the release's hierarchy, facing +Z at the origin.
 

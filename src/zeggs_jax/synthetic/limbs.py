@@ -60,7 +60,7 @@ def arm(
     end: Float[Array, "*b 3"],
     pole: Float[Array, "*b 3"],
     lengths: tuple[float, float],
-    side: Float[Array, "*b 1"],
+    side: Float[Array, "*#b 1"],
 ) -> Limb:
     """An arm from the shoulder `start` to the wrist `end` (world, cm), its elbow on the side of `pole`.
 

@@ -26,7 +26,7 @@ class Syllable(NamedTuple):
     stressed: bool
 
 
-def _vowel(f1: float, f2: float, f3: float, seconds: float = 0.11) -> Phone:
+def _vowel(f1: int, f2: int, f3: int, seconds: float = 0.11) -> Phone:
     return Phone(seconds, f1, f2, f3, 1.0, 0.0, 3000.0, True)
 
 

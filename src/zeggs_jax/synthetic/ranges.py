@@ -13,7 +13,7 @@ from zeggs_jax.geometry import quaternion
 from zeggs_jax.motion import bvh
 from zeggs_jax.synthetic import body
 
-Span = tuple[float, float]
+Span = tuple[int, int]  # degrees
 
 
 class Range(NamedTuple):
@@ -24,7 +24,7 @@ class Range(NamedTuple):
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-def _spine(pitch: Span, roll: float, yaw: float) -> Range:
+def _spine(pitch: Span, roll: int, yaw: int) -> Range:
     return Range("xzy", (pitch, (-roll, roll), (-yaw, yaw)))
 
 
@@ -91,7 +91,8 @@ def _tables() -> dict[str, _Table]:
     tables = {}
     for order in sorted({r.order for r in RANGES.values()}):
         joints, centre, low, high = zip(*_rows(order), strict=True)
-        turns = np.asarray(quaternion.from_euler(np.radians(np.array(centre)), order))
+        with jax.ensure_compile_time_eval():
+            turns = np.asarray(quaternion.from_euler(np.radians(np.array(centre)), order))
         tables[order] = _Table(joints, turns, np.radians(np.array(low)), np.radians(np.array(high)))
     return tables
 

@@ -21,7 +21,7 @@ class Recording(NamedTuple):
     speaker: str
 
 
-def speak(seconds: float, seed: int) -> Recording:
+def speak(seconds: float | int, seed: int) -> Recording:
     """About `seconds` of sentences by a random synthetic voice; words with exact times."""
     text = sentences.monologue(seed, int(WORDS_PER_SECOND * seconds))
     wave, words = voice.speak(text, seed, lead=lead_silence(seed))
@@ -45,7 +45,7 @@ def swell(wave: Float[np.ndarray, " n"], seed: int) -> Float32[np.ndarray, " n"]
     return (louder * min(wanted / level, 0.98 / max(float(np.abs(louder).max()), 1e-9))).astype(np.float32)
 
 
-def fit(recording: Recording, seconds: float, rate_hz: int, seed: int) -> tuple[Recording, int]:
+def fit(recording: Recording, seconds: float | int, rate_hz: int, seed: int) -> tuple[Recording, int]:
     """The recording cut or padded to `seconds`, exactly a whole number of frames; and that number."""
     frames = round(seconds * rate_hz)
     samples = round(frames * voice.RATE / rate_hz)

@@ -10,6 +10,7 @@ from zeggs_jax.synthetic.prosody import Prosody
 from zeggs_jax.synthetic.styles import StyleFactors
 
 LONGEST_LEAD = 0.25  # s, a stroke begins at most this long before the middle of its vowel
+REBOUND = 0.2  # s
 SPEECH_GAP = 0.45  # s; hands go to rest in longer pauses
 
 
@@ -44,12 +45,13 @@ def stance(style: StyleFactors) -> Stance:
     """Resting place and gesture space: low hands rest at the thighs, high ones up, narrow ones in front."""
     palm = -0.9 + 1.2 * style.openness
     curl = float(np.interp(style.openness, (0.0, 0.5, 1.0), (1.15, 0.42, 0.12)))
-    up, front = max(0.6, _ramp(style.hand_height, -48.0, -16.0)), 0.9 * _ramp(0.35 - style.radius, 0.0, 0.35)
+    up, front = _ramp(style.hand_height, -48.0, -16.0), 0.9 * _ramp(0.35 - style.radius, 0.0, 0.35)
+    near = max(up, 0.6)  # hands never drop all the way: they would have to travel in the pauses
     forward = (20.0 + 17.0 * style.radius) * (0.5 + 0.5 * _ramp(style.hand_height, -50.0, -26.0))
     forward = max(forward, 18.0 * front)  # crossed arms go round the belly
     centre = np.array([-9.0 + 17.0 * style.radius, style.hand_height, forward, palm, curl])
     hanging = np.array([5.0, -51.5, 5.0, 0.15, 0.6 * curl + 0.15])
-    share = np.array([max(up, front), up, max(up, front), max(up, 0.7 * front), up])
+    share = np.array([max(up, front), near, max(near, front), max(up, 0.7 * front), up])
     rest = hanging + 0.9 * share * (centre - hanging)
     leaving = min(style.amplitude / 12.0, 1.0)  # who hardly gestures hardly leaves the rest
     centre = rest + leaving * (centre - rest)
@@ -88,6 +90,17 @@ def _pauses(prosody: Prosody) -> list[tuple[float, float]]:
     return [(end, following) for end, following in gaps if following - end >= SPEECH_GAP]
 
 
+def _time_to_prepare(
+    prosody: Prosody, style: StyleFactors, when: float, begin: float, free: float, rested: bool
+) -> float:
+    """Seconds left to raise the hands before a stroke; from rest they wait for the voice."""
+    quick = float(np.sqrt(style.tempo))
+    if not rested:
+        return min(max(begin - free, 0.12), 0.3 / quick)
+    onset = float(prosody.phrases[prosody.phrases[:, 0] <= when, 0].max(initial=-9.0)) - 0.12
+    return min(max(begin - max(free, onset), 0.0), 0.42 / quick)
+
+
 def schedule(prosody: Prosody, style: StyleFactors) -> list[Phase]:
     """Every movement of the hands, in order of time.
 
@@ -106,26 +119,18 @@ def schedule(prosody: Prosody, style: StyleFactors) -> list[Phase]:
         rested = not phases or phases[-1].kind == "retraction"
         raised, struck = _goals(style, home, strength, inward, leader)
         begin = when - lead
-        onset = (
-            float(prosody.phrases[prosody.phrases[:, 0] <= when, 0].max(initial=-9.0)) - 0.12
-            if rested
-            else -9.0
-        )
-        ready = min(
-            max(begin - max(free, onset), 0.0 if rested else 0.12),
-            (0.42 if rested else 0.3) / np.sqrt(style.tempo),
-        )
+        ready = _time_to_prepare(prosody, style, when, begin, free, rested)
         if ready > 0.1:  # else the stroke itself leaves the rest: hands wait for the voice
             phases.append(Phase("preparation", begin - ready, ready, raised))
         phases.append(Phase("stroke", begin, seconds, struck))
         free = begin + seconds
-        if style.jerkiness > 0.05:
+        following = times[np.searchsorted(times, when, "right") :]
+        if style.jerkiness > 0.05 and not np.any(following < free + REBOUND + LONGEST_LEAD + 0.12):
             back = struck + 0.3 * style.jerkiness * (raised - struck)
-            phases.append(Phase("rebound", free, 0.2, back))
-            free += 0.2
+            phases.append(Phase("rebound", free, REBOUND, back))
+            free += REBOUND
         inward = not inward
         pause = next((p for p in pauses if p[0] >= when - 0.15), None)
-        following = times[np.searchsorted(times, when, "right") :]
         if pause is not None and not np.any(following < pause[1] - 0.05):
             start = max(free, pause[0] - 0.2)
             phases.append(Phase("retraction", start, 0.5 / style.tempo**0.35, home.rest))
