@@ -97,6 +97,8 @@ def _hierarchy(text: str, name: str) -> list[_Joint]:
             word = words[at].upper()
             if word in ("ROOT", "JOINT"):
                 brace = words.index("{", at)
+                if brace == at + 1:
+                    raise ValueError("a joint has no name")
                 joints.append(_Joint(" ".join(words[at + 1 : brace]), open_joints[-1], [], []))
                 open_joints.append(len(joints) - 1)
                 at = brace + 1
@@ -114,8 +116,10 @@ def _hierarchy(text: str, name: str) -> list[_Joint]:
                 at += 1
             else:
                 raise ValueError(f"unexpected {words[at]!r}")
-        if len(open_joints) != 1 or not all(len(joint.offset) == 3 for joint in joints) or not joints:
+        if len(open_joints) != 1 or not joints or any(len(joint.offset) != 3 for joint in joints):
             raise ValueError("a brace or an OFFSET is missing")
+        if not np.isfinite([joint.offset for joint in joints]).all():
+            raise ValueError("an OFFSET is not finite")
     except (ValueError, IndexError) as error:
         joint = f"after joint '{joints[-1].name}'" if joints else "at its beginning"
         raise ValueError(f"'{name}' has a broken hierarchy {joint}: {error}.") from None

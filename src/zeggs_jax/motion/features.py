@@ -214,7 +214,9 @@ def _extrapolated(v: Array) -> Array:
 
 
 @partial(jax.jit, static_argnames=("rebased", "unit_root"))
-def _decode(poses: Pose, rebased: bool, unit_root: bool) -> tuple[Float[Array, "T J 3"], Float[Array, "T J 3"]]:
+def _decode(
+    poses: Pose, rebased: bool, unit_root: bool
+) -> tuple[Float[Array, "T J 3"], Float[Array, "T J 3"]]:
     """Euler angles and local positions, joint 0 in world."""
     if unit_root:
         poses = poses._replace(root=Root(poses.root.pos, quaternion.normalize(poses.root.rot)))

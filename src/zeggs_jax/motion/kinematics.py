@@ -40,7 +40,7 @@ class Placed(NamedTuple):
 
 
 def place(pose: Pose, parents: tuple[int, ...]) -> Placed:
-    """Root and joints of T frames in world, frames last, as the training loss compares them (ZeroEGGS Sec. 3.4).
+    """Root and joints of T frames in world, frames last, as the training loss compares them (Sec. 3.4).
 
     Root velocities turn with the previous frame's root, as the features define them; those of the first
     frame with its own, as released.
@@ -89,9 +89,13 @@ def _chain(joints: Float[Array, "3 6 n *T"], parents: tuple[int, ...]) -> Float[
 
 
 def _carry(parent: Float[Array, "3 6 n *T"], child: Float[Array, "3 6 n *T"]) -> Float[Array, "3 6 n *T"]:
-    """Children in world from parents in world; a moving parent adds its velocity and its spin times the arm."""
+    """Children in world from parents in world; a parent adds its velocity and its spin times the arm."""
     axes = parent[:, AXES]
-    turned = axes[:, 0, None] * child[0] + axes[:, 1, None] * child[1] + axes[:, 2, None] * child[2]
+    turned = (
+        axes[:, 0, None] * child[None, 0]
+        + axes[:, 1, None] * child[None, 1]
+        + axes[:, 2, None] * child[None, 2]
+    )
     spin, arm = parent[:, ANG], turned[:, POS]
     swing = jnp.stack(
         [
