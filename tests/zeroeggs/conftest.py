@@ -1,5 +1,8 @@
-"""A body of five joints and networks of a few units, with random weights and scales."""
+"""A body of five joints and networks of a few units, with random weights; files as PyTorch saves them."""
 
+import io
+import struct
+import zipfile
 from typing import NamedTuple
 
 import jax
@@ -13,7 +16,6 @@ from zeggs_jax.zeroeggs import model as m
 
 JOINTS, FRAMES = 5, 7
 decode = jax.jit(m.decode, static_argnames="config")
-init = jax.jit(m.init, static_argnames="config")
 
 
 class Small(NamedTuple):
@@ -56,8 +58,10 @@ def make_small(conditioning: str = "normal", layers: int = 2, frames: int = FRAM
     scales = Scales(
         *(Scale(single(rng.normal(size=k)), single(rng.uniform(0.5, 1.5, k))) for k in (9, n + 3, n))
     )
+    shapes = jax.eval_shape(lambda: m.init(jax.random.key(0), config))
+    params = jax.tree.map(lambda a: single(rng.normal(size=a.shape) / a.shape[-1] ** 0.5), shapes)
     speech, style, gaze = (single(rng.normal(size=(frames, k)) * by) for k, by in ((5, 1), (4, 1), (3, 100)))
-    return Small(config, init(jax.random.key(seed), config), scales, random_pose(rng), speech, style, gaze)
+    return Small(config, params, scales, random_pose(rng), speech, style, gaze)
 
 
 @pytest.fixture(scope="session")
@@ -70,3 +74,119 @@ def small() -> Small:
 def build():
     """`make_small`, for tests that vary it."""
     return make_small
+
+
+class Global(NamedTuple):
+    """A name in a pickle."""
+
+    module: str
+    name: str
+
+
+class Call(NamedTuple):
+    """A pickle's request to call something (REDUCE)."""
+
+    function: object
+    arguments: tuple
+
+
+class Build(NamedTuple):
+    """A pickle's request to make an object of a class (NEWOBJ) and give it a state (BUILD)."""
+
+    kind: object
+    state: object
+
+
+class Stored(NamedTuple):
+    """A pickle's reference to a storage of the archive."""
+
+    pid: tuple
+
+
+class TorchFile:
+    """Writes .pt files opcode by opcode, good ones and bad ones; needs no PyTorch."""
+
+    Global, Call, Build, Stored = Global, Call, Build, Stored
+
+    def pickled(self, value) -> bytes:
+        """`value` in the opcodes of protocol 2."""
+        match value:
+            case Global():
+                return f"c{value.module}\n{value.name}\n".encode()
+            case Call():
+                return self.pickled(value.function) + self.pickled(value.arguments) + b"R"
+            case Build():
+                return self.pickled(value.kind) + b")\x81" + self.pickled(value.state) + b"b"
+            case Stored():
+                return self.pickled(value.pid) + b"Q"
+            case None | True | False:
+                return {None: b"N", True: b"\x88", False: b"\x89"}[value]
+            case int():
+                return b"J" + struct.pack("<i", value)
+            case str():
+                return b"X" + struct.pack("<I", len(value.encode())) + value.encode()
+            case tuple():
+                return b"(" + b"".join(map(self.pickled, value)) + b"t"
+            case list():
+                return b"](" + b"".join(map(self.pickled, value)) + b"e"
+            case dict():
+                return b"}(" + b"".join(self.pickled(k) + self.pickled(v) for k, v in value.items()) + b"u"
+        raise TypeError(value)
+
+    def tensor(self, storage, shape, strides=None, offset=0, kind="FloatStorage", count=None, size=0):
+        """A parameter whose numbers are in entry data/<storage>."""
+        strides = (
+            tuple(int(np.prod(shape[i + 1 :])) for i in range(len(shape))) if strides is None else strides
+        )
+        count = int(np.prod(shape)) if count is None else count
+        pid = ("storage", Global("torch", kind), str(storage), "cuda:0", count)
+        hooks = Call(Global("collections", "OrderedDict"), ())
+        tensor = Call(
+            Global("torch._utils", "_rebuild_tensor_v2"), (Stored(pid), offset, shape, strides, False, hooks)
+        )
+        return Call(Global("torch._utils", "_rebuild_parameter"), (tensor, True, hooks))
+
+    def module(self, parameters=None, children=None, **extra) -> Build:
+        """A network's object."""
+        none = Call(Global("__builtin__", "set"), ([],))
+        state = {
+            "training": True,
+            "_parameters": parameters or {},
+            "_buffers": {},
+            "_modules": children or {},
+        }
+        return Build(Global("modules", "Decoder"), state | {"_non_persistent_buffers_set": none} | extra)
+
+    def archive(self, value, storages=(), root="archive", compression=zipfile.ZIP_STORED, **entries) -> bytes:
+        """The .pt file that holds `value`; a `bytes` value is taken as the pickle itself."""
+        pickle = value if isinstance(value, bytes) else b"\x80\x02" + self.pickled(value) + b"."
+        file = io.BytesIO()
+        with zipfile.ZipFile(file, "w", compression) as archive:
+            archive.writestr(f"{root}/data.pkl", pickle)
+            for number, storage in enumerate(storages):
+                archive.writestr(f"{root}/data/{number}", np.asarray(storage, "<f4").tobytes())
+            for name, content in entries.items():
+                archive.writestr(f"{root}/{name}", content)
+        return file.getvalue()
+
+    def network(self, state: dict[str, np.ndarray]) -> bytes:
+        """A whole network with this state_dict, as the release saves it."""
+        tree: dict = {}
+        for number, (name, array) in enumerate(state.items()):
+            *parents, leaf = name.split(".")
+            place = tree
+            for parent in parents:
+                place = place.setdefault(parent, {})
+            place[leaf] = self.tensor(number, array.shape)
+
+        def build(place: dict) -> Build:
+            children = {name: build(child) for name, child in place.items() if isinstance(child, dict)}
+            return self.module({k: v for k, v in place.items() if not isinstance(v, dict)}, children)
+
+        return self.archive(build(tree), list(state.values()))
+
+
+@pytest.fixture(scope="session")
+def torch_file() -> TorchFile:
+    """A writer of .pt files."""
+    return TorchFile()

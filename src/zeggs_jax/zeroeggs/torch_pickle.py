@@ -168,6 +168,8 @@ def _state(root: Any) -> dict[str, np.ndarray]:
         return {str(name): _array(tensor, f"'{name}'") for name, tensor in root.items()}
     state: dict[str, np.ndarray] = {}
     _collect(root, "", 0, state)
+    if not state:
+        raise _Refused("it holds no network")
     return state
 
 

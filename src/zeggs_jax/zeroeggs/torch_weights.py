@@ -88,8 +88,9 @@ def convert(
         ValueError: with one sentence that names the file, network or array that does not fit.
     """
     _check_pipeline(pipeline_conf or {})
-    for missing in {"speech_encoder", "decoder"} - set(networks):
-        raise ValueError(f"'{missing}.pt' is missing; the release keeps it beside the other networks.")
+    for network in ("speech_encoder", "decoder"):
+        if network not in networks:
+            raise ValueError(f"'{network}.pt' is missing; the release keeps it beside the other networks.")
     arrays = {
         f"{network}/{name}": array
         for network, file in networks.items()
