@@ -99,9 +99,9 @@ class Figure {
       tops.push(top);
       return side;
     });
-    const nearlyAll = list => list.sort((a, b) => a - b)[Math.floor(0.985 * (n - 1))];
-    this.tall = Math.max(nearlyAll(tops) + 0.04 * this.stature, this.stature);
-    this.wide = Math.max(nearlyAll(sides) + 0.04 * this.stature, 0.3 * this.stature);
+    const most = (list, share) => list.sort((a, b) => a - b)[Math.floor(share * (n - 1))];
+    this.tall = Math.max(most(tops, 0.985) + 0.04 * this.stature, this.stature);
+    this.wide = Math.max(most(sides, 0.93) + 0.03 * this.stature, 0.3 * this.stature);
   }
 
   /** World place [x, z] that the camera follows at a time. */
