@@ -49,8 +49,8 @@ def stance(style: StyleFactors) -> Stance:
     near = max(up, 0.6)  # hands never drop all the way: they would have to travel in the pauses
     forward = (20.0 + 17.0 * style.radius) * (0.5 + 0.5 * _ramp(style.hand_height, -50.0, -26.0))
     forward = max(forward, 18.0 * front)  # crossed arms go round the belly
-    centre = np.array([-9.0 + 17.0 * style.radius, style.hand_height, forward, palm, curl])
-    hanging = np.array([5.0, -51.5, 5.0, 0.15, 0.6 * curl + 0.15])
+    centre = np.array([-5.5 + 13.5 * style.radius, style.hand_height, forward, palm, curl])
+    hanging = np.array([4.0, -53.0, 4.0, 0.15, 0.6 * curl + 0.15])
     share = np.array([max(up, front), near, max(near, front), max(up, 0.7 * front), up])
     rest = hanging + 0.9 * share * (centre - hanging)
     leaving = min(style.amplitude / 12.0, 1.0)  # who hardly gestures hardly leaves the rest
