@@ -50,27 +50,27 @@ def _positions(arrays: Arrays) -> Iterator[Row]:
 
 
 def _run(spec: dict[str, Any], state: Arrays, arrays: Arrays, dtype: Any) -> dict[str, Any]:
-    style = StyleEncoderConfig(
+    config = StyleEncoderConfig(
         spec["type"], spec["hidden_size"], spec["style_embedding_size"], spec["use_vae"]
     )
-    params = parameters(STAGE, state, ZeroEggsConfig(style=style), dtype)
+    params = parameters(STAGE, state, ZeroEggsConfig(style=config), dtype)
 
-    def one(x):
-        return StyleEncoder(style).apply({"params": params}, x, x.shape[0], capture_intermediates=True)
+    @jax.vmap
+    def one(x, noise):
+        encoder = StyleEncoder(config)
+        style, kept = encoder.apply({"params": params}, x, x.shape[0], capture_intermediates=True)
+        draws = [reparameterise(style, noise, 1 / by) for by in (1.0, 0.5)]  # the release divides by it
+        return style, draws, kept["intermediates"]["encoder"]
 
     ours = {}
-    for frames in sorted(
-        {int(key.split("_")[1]) for key in arrays if key.startswith("style_") and key[6:].isdigit()}
-    ):
-        distribution, kept = jax.vmap(one)(jnp.asarray(_example(spec, arrays, frames), dtype))
-        noise = jnp.asarray(arrays.get(f"eps_{frames}", np.zeros(distribution.mean.shape)), dtype)
-        ours[f"style_{frames}"] = reparameterise(distribution, noise)
-        ours[f"style_{frames}_temp0.5"] = reparameterise(
-            distribution, noise, 1 / 0.5
-        )  # the release divides by it
-        ours[f"mu_{frames}"], ours[f"logvar_{frames}"] = distribution
-        if spec["type"] == "attn":
-            inner = kept["intermediates"]["encoder"]
+    lengths = {key.removeprefix("style_") for key in arrays if key.startswith("style_")}
+    for frames in sorted(int(length) for length in lengths if length.isdigit()):
+        x = jnp.asarray(_example(spec, arrays, frames), dtype)
+        noise = arrays.get(f"eps_{frames}", np.zeros((len(x), config.size)))
+        style, draws, inner = one(x, jnp.asarray(noise, dtype))
+        ours[f"style_{frames}"], ours[f"style_{frames}_temp0.5"] = draws
+        ours[f"mu_{frames}"], ours[f"logvar_{frames}"] = style
+        if config.kind == "attn":
             ours[f"convs_{frames}"] = inner["norm1"]["__call__"][0]
             ours[f"attention_{frames}"] = inner["block"]["attention_norm"]["__call__"][0]
             ours[f"block_{frames}"] = inner["block"]["__call__"][0]

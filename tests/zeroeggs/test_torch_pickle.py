@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from zeggs_jax.zeroeggs import torch_pickle
 
+PUBLISHED = Path(__file__).parents[3] / "shared" / "reference"
 A, B = np.arange(6, dtype=np.float32).reshape(2, 3), np.array([0.5, -2.0], np.float32)
 
 
@@ -227,7 +228,7 @@ def test_a_damaged_pickle_gives_an_error_or_numbers(torch_file, data):
 )
 @pytest.mark.parametrize("version", ["v1", "v2"])
 def test_the_published_speech_encoder(version):
-    path = Path(os.environ["ZEGGS_REFERENCE"]) / version / "speech_encoder.pt"
+    path = PUBLISHED / version / "speech_encoder.pt"
     state = torch_pickle.read(path.read_bytes(), path.name)
     shapes = {name: array.shape for name, array in state.items()}
     assert shapes["layer0.weight"] == (64, 81, 1)
