@@ -35,6 +35,7 @@ class PrepareConfig:
     rate_hz: float | int | None = None  # resample the motion; None keeps the rate, which all clips must share
     pace: tuple[float, ...] | None = None  # copies of every clip; None: 1.0, or the release's 0.9 and 1.0
     centre: bool = True  # start every clip at the origin, facing +Z
+    speech_columns: bool = False  # a std for every speech feature, not one for all as released
     save_trimmed: bool = False  # also write the clips as BVH and WAV under trimmed/
     speech: speech_features.SpeechFeatureConfig = speech_features.RELEASED
 
@@ -67,7 +68,7 @@ def prepare(folder: str | Path, out: str | Path, config: PrepareConfig = Prepare
                     file.append(rows[name])
                 clips.append({"name": take.name, "split": entry.split, "label": styles.index(entry.style),
                               "range": [start, files["pose"].rows], "gaze": gaze.tolist()})  # fmt: skip
-    _save_scales(out / SCALES, _fit(out, clips, config.as_released))
+    _save_scales(out / SCALES, _fit(out, clips, config))
     manifest = {
         "format": FORMAT,
         "config": asdict(config),
@@ -110,7 +111,7 @@ def _rows(take: Take, config: PrepareConfig) -> tuple[dict[str, np.ndarray], Flo
     return rows, np.asarray(motion.gaze)
 
 
-def _fit(out: Path, clips: list[dict[str, Any]], as_released: bool) -> scale.Scales:
+def _fit(out: Path, clips: list[dict[str, Any]], config: PrepareConfig) -> scale.Scales:
     """Statistics over the training clips, without the first and last two frames of each, as released."""
     training = [clip for clip in clips if clip["split"] == "train"]
     if not training:
@@ -124,7 +125,12 @@ def _fit(out: Path, clips: list[dict[str, Any]], as_released: bool) -> scale.Sca
     ]
     joints = (pose.shape[1] - 6) // 15
     return scale.fit(
-        [speech[rows] for rows in inner], [pose[rows] for rows in inner], gaze, joints, as_released
+        [speech[rows] for rows in inner],
+        [pose[rows] for rows in inner],
+        gaze,
+        joints,
+        config.as_released,
+        config.speech_columns,
     )
 
 

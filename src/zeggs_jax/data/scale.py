@@ -71,10 +71,22 @@ def fit_groups(blocks: Blocks, sizes: Sequence[int]) -> Float[np.ndarray, " n"]:
     return np.concatenate(stds)
 
 
-def fit(speech: Blocks, pose: Blocks, gaze: Blocks, joints: int, as_released: bool = False) -> Scales:
-    """All scales of a training set from its speech rows, pose vectors, and gaze directions (root frame)."""
-    speech_mean = fit_columns(speech, as_released).mean
-    speech_std = fit_groups(speech, [speech[0].shape[1]])[0]
+def fit(
+    speech: Blocks,
+    pose: Blocks,
+    gaze: Blocks,
+    joints: int,
+    as_released: bool = False,
+    speech_columns: bool = False,
+) -> Scales:
+    """All scales of a training set from its speech rows, pose vectors, and gaze directions (root frame).
+
+    `speech_columns` gives every speech feature a std of its own. The release has one for all 81, which the
+    energy's offset dominates, so that its networks see mels of about +-0.06.
+    """
+    heard = fit_columns(speech, as_released)
+    one_std = np.float32(fit_groups(speech, [speech[0].shape[1]])[0])
+    speech_std = np.maximum(heard.std, np.float32(1e-6)) if speech_columns else one_std
     pose_out = fit_columns(pose, as_released)
     gaze_mean = fit_columns(gaze, as_released).mean
     groups = [
@@ -87,7 +99,7 @@ def fit(speech: Blocks, pose: Blocks, gaze: Blocks, joints: int, as_released: bo
     ]  # the fields of a pose vector, see motion/pose.py
     pose_std = np.concatenate([fit_groups(pose, groups), fit_groups(gaze, [3])]) + 1e-10
     pose_in = Scale(np.concatenate([pose_out.mean, gaze_mean]), pose_std.astype(np.float32))
-    return Scales(Scale(speech_mean, np.float32(speech_std)), pose_in, pose_out)
+    return Scales(Scale(heard.mean, speech_std), pose_in, pose_out)
 
 
 def _sum_rows(blocks: Iterable[np.ndarray]) -> np.ndarray:

@@ -1,0 +1,48 @@
+"""Train the bundled model on the synthetic corpus: small sizes, 30 frames a second, speech features of equal weight.
+
+    python experiments/make_corpus.py corpus --minutes 90
+    python experiments/train_demo.py corpus -o runs/demo       # stop and run again to go on
+    python experiments/bundle_demo.py runs/demo                # puts it into the package, with styles and speech
+
+The sizes are all that differs from the paper's model; the code is the same.
+"""
+
+import argparse
+from pathlib import Path
+
+from zeggs_jax.data import prepare as data
+from zeggs_jax.data.prepare import PrepareConfig
+from zeggs_jax.data.windows import WindowConfig
+from zeggs_jax.zeroeggs.model import DecoderConfig, SpeechEncoderConfig, StyleEncoderConfig, ZeroEggsConfig
+from zeggs_jax.zeroeggs.train import TrainConfig, train
+
+PREPARE = PrepareConfig(speech_columns=True)
+DEMO = TrainConfig(
+    model=ZeroEggsConfig(
+        speech=SpeechEncoderConfig(hidden=64, size=64, dropout=0.1),
+        style=StyleEncoderConfig(hidden=128, size=32),
+        decoder=DecoderConfig(hidden=256, layers=2),
+    ),
+    windows=WindowConfig(batch=16, window=90, example=(90, 180)),
+    steps=10_000,
+    learning_rate=7e-4,
+    decay=0.75,
+    kl_middle=1500.0,
+    log_every=20,
+    checkpoint_every=500,
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("corpus", type=Path)
+    parser.add_argument("-o", "--out", type=Path, required=True)
+    args = parser.parse_args()
+    prepared = args.out / "prepared"
+    if not (prepared / "manifest.json").exists():
+        data.prepare(args.corpus, prepared, PREPARE)
+    train(prepared, args.out, DEMO)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,208 @@
+"""Generation with a small random model: laws first, then files, tables and wrong input."""
+
+import json
+
+import numpy as np
+import pytest
+from zeggs_jax.data import scale
+from zeggs_jax.motion import bvh, edit, features, pose
+from zeggs_jax.speech import wav
+from zeggs_jax.synthetic import corpus
+from zeggs_jax.zeroeggs import batch, examples, style_space
+from zeggs_jax.zeroeggs import generate as g
+from zeggs_jax.zeroeggs.model import DecoderConfig, Model, SpeechEncoderConfig, StyleEncoderConfig, ZeroEggsConfig, init
+
+import jax
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two style clips of 2 s and a recording of 1.3 s."""
+    where = tmp_path_factory.mktemp("generate")
+    for name, seed in (("old", 1), ("happy", 2)):
+        bvh.write(where / f"{name}.bvh", corpus.style_clip(name, 2.0, 30, seed))
+    noise = np.random.default_rng(0).normal(size=20_800) * np.repeat([0.02, 0.2], 10_400)
+    wav.write(where / "speech.wav", noise.astype(np.float32))
+    return where
+
+
+@pytest.fixture(scope="module")
+def model(folder):
+    """Random parameters, scales fitted on one clip."""
+    clip = bvh.read(folder / "old.bvh")
+    motion = features.encode(clip)
+    vectors = np.asarray(jax.vmap(pose.to_vector)(motion.pose))
+    gaze = np.asarray(jax.vmap(pose.gaze_direction, (0, None))(motion.pose.root, motion.gaze))
+    speech = np.random.default_rng(1).normal(size=(60, 81)).astype(np.float32)
+    config = ZeroEggsConfig(
+        frame_time=clip.frame_time,
+        speech=SpeechEncoderConfig(hidden=8, size=8),
+        style=StyleEncoderConfig(hidden=16, size=8),
+        decoder=DecoderConfig(hidden=16),
+    )
+    return Model(config, init(jax.random.key(0), config), scale.fit([speech], [vectors], [gaze], 75), clip.skeleton)
+
+
+def ask(folder, *styles, **settings):
+    return g.Request(styles=tuple(str(folder / f"{style}.bvh") for style in styles), **settings)
+
+
+def test_frames_follow_rate_and_duration(folder, model):
+    gesture = g.generate(folder / "speech.wav", ask(folder, "old"), model=model)
+    assert len(gesture.clip.euler) == round(30 * 20_800 / 16_000) == len(gesture.style)
+    assert np.isfinite(gesture.clip.euler).all()
+
+
+def test_same_seed_same_bytes_other_seed_other_motion(folder, model, tmp_path):
+    texts = []
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        path = g.save(tmp_path / f"{name}.bvh", g.generate(folder / "speech.wav", ask(folder, "old", seed=seed), model=model))
+        texts.append(path.read_bytes())
+    assert texts[0] == texts[1]
+    assert texts[0] != texts[2]
+
+
+def test_temperature_zero_is_the_mean_whatever_the_seed(folder, model):
+    styles = [
+        np.asarray(g.generate(folder / "speech.wav", ask(folder, "old", seed=s, temperature=0.0), model=model).style)
+        for s in (1, 2)
+    ]
+    mean = np.asarray(examples.read(str(folder / "old.bvh"), model).style.mean)
+    np.testing.assert_array_equal(styles[0], styles[1])
+    np.testing.assert_allclose(styles[0][0], mean, rtol=1e-6)
+
+
+def test_higher_temperature_varies_more(folder, model):
+    chosen = g.read_styles(ask(folder, "old"), model)
+    spread = [
+        np.std([np.asarray(g.style_sequence(g.Request(styles=("x",), seed=s, temperature=t), chosen, 1)) for s in range(20)])
+        for t in (0.0, 0.5, 1.0, 2.0)
+    ]
+    assert spread[0] == pytest.approx(spread[0])
+    assert spread[1] < spread[2] < spread[3]
+
+
+def test_a_blend_is_linear_and_all_weight_on_one_style_is_that_style(folder, model):
+    one = ask(folder, "old", temperature=0.0)
+    both = ask(folder, "old", "happy", temperature=0.0)
+    old, happy = (np.asarray(e.style.mean) for e in g.read_styles(both, model))
+    chosen = g.read_styles(both, model)
+    mixed = np.asarray(g.style_sequence(both._replace(weights=(0.25, 0.75)), chosen, 3))
+    np.testing.assert_allclose(mixed, np.tile(0.25 * old + 0.75 * happy, (3, 1)), rtol=1e-5, atol=1e-6)
+    alone = np.asarray(g.style_sequence(both._replace(weights=(1.0, 0.0)), chosen, 3))
+    np.testing.assert_allclose(alone, np.asarray(g.style_sequence(one, chosen[:1], 3)), rtol=1e-6)
+
+
+def test_spans_follow_each_other(folder, model):
+    both = ask(folder, "old", "happy", temperature=0.0, spans=(0.4, 0.6))
+    chosen = g.read_styles(both, model)
+    sequence = np.asarray(g.style_sequence(both, chosen, 10))
+    np.testing.assert_allclose(sequence[3], chosen[0].style.mean, rtol=1e-6)
+    np.testing.assert_allclose(sequence[4], chosen[1].style.mean, rtol=1e-6)
+    assert style_space.boundaries((0.1,) * 10, 84)[-1] == 84
+
+
+def test_frames_are_those_of_the_cut_clip(folder, model):
+    cut = examples.read(str(folder / "old.bvh"), model, (10, 50))
+    clip = edit.trim(bvh.read(folder / "old.bvh"), 10, 50)
+    vectors = jax.vmap(pose.to_vector)(features.encode(clip).pose)
+    expected = examples.encode_style(model.params, model.config, model.scales, vectors)
+    np.testing.assert_allclose(cut.style.mean, expected.mean, rtol=1e-6)
+
+
+def test_body_starts_from_the_last_style_or_the_first_pose(folder, model):
+    request = ask(folder, "old", "happy")
+    chosen = g.read_styles(request, model)
+    last = features.encode(bvh.read(folder / "happy.bvh"))
+    start = g.starting_pose(request, chosen, model)
+    np.testing.assert_allclose(start.pose.joint_pos[0], last.pose.joint_pos[0], rtol=1e-6)
+    other = g.starting_pose(request._replace(first_pose=str(folder / "old.bvh")), chosen, model)
+    old = features.encode(bvh.read(folder / "old.bvh"))
+    np.testing.assert_allclose(other.pose.joint_axes[0], old.pose.joint_axes[0], rtol=1e-6)
+
+
+def test_a_clip_of_another_rate_is_brought_to_the_models(folder, model, tmp_path):
+    bvh.write(tmp_path / "fast.bvh", edit.resample(bvh.read(folder / "old.bvh"), 60.0))
+    fast = examples.read(str(tmp_path / "fast.bvh"), model).style.mean
+    np.testing.assert_allclose(fast, examples.read(str(folder / "old.bvh"), model).style.mean, atol=0.02)
+
+
+def test_an_embedding_saved_is_the_embedding_read(folder, model, tmp_path):
+    example = examples.read(str(folder / "old.bvh"), model)
+    examples.save(tmp_path / "old.npz", example, model)
+    again = examples.read(str(tmp_path / "old.npz"), model)
+    np.testing.assert_array_equal(again.style.mean, example.style.mean)
+    made = [g.generate(folder / "speech.wav", str(path), model=model).clip.euler for path in (folder / "old.bvh", tmp_path / "old.npz")]
+    np.testing.assert_array_equal(*made)
+    other = model._replace(params=init(jax.random.key(9), model.config))
+    with pytest.raises(ValueError, match=r"'old.npz' was made with another model"):
+        examples.read(str(tmp_path / "old.npz"), other)
+
+
+def test_provenance_lies_beside_the_motion(folder, model, tmp_path):
+    g.save(tmp_path / "out.bvh", g.generate(folder / "speech.wav", ask(folder, "old", seed=7), model=model))
+    told = json.loads((tmp_path / "out.json").read_text())
+    assert told["seed"] == 7
+    assert len(told["model_sha256"]) == 64
+    assert told["arguments"]["styles"] == [str(folder / "old.bvh")]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.bvh", "out.json"]
+
+
+@pytest.mark.parametrize(
+    ("request_of", "sentence"),
+    [
+        (lambda f: ask(f, "old", "happy", weights=(1.0,)), "got 1 weights for 2 styles"),
+        (lambda f: ask(f, "old", "happy", weights=(0.5, 0.9)), "sum to 1.4"),
+        (lambda f: ask(f, "old", "happy", spans=(0.5, 0.2)), "sum to 0.7"),
+        (lambda f: ask(f, "old", "happy", weights=(0.5, 0.5), spans=(0.5, 0.5)), "both weights and spans"),
+        (lambda f: ask(f, "old", frames=((0, 999),)), "not in the clip, which has frames 0:60"),
+        (lambda f: ask(f, "old", frames=((0, 3),)), "3 frames"),
+        (lambda f: ask(f, "old", temperature=-1.0), "temperature is -1"),
+        (lambda f: g.Request(styles=("hapy",)), "unknown style 'hapy'"),
+        (lambda f: g.Request(styles=("missing.bvh",)), "missing.bvh"),
+        (lambda f: g.Request(styles=()), "no style was given"),
+    ],
+)
+def test_wrong_requests_get_one_sentence(folder, model, request_of, sentence):
+    with pytest.raises((ValueError, OSError), match=sentence):
+        g.generate(folder / "speech.wav", request_of(folder), model=model)
+
+
+def test_another_skeleton_is_named(folder, model, tmp_path):
+    clip = bvh.read(folder / "old.bvh")
+    text = bvh.format(clip).replace("RightHandThumb4", "Tail")
+    (tmp_path / "tail.bvh").write_text(text)
+    with pytest.raises(ValueError, match=r"'tail.bvh'.*RightHandThumb4"):
+        examples.read(str(tmp_path / "tail.bvh"), model)
+
+
+def test_a_table_makes_one_file_per_row(folder, model, tmp_path):
+    table = folder / "table.csv"
+    table.write_text(
+        "base_path,audio,style,file_name,temperature,seed,use_gpu,frames,first_pose,generate\n"
+        ".,speech.wav,old.bvh,one,0.5,3,true,5 40,happy.bvh,true\n"
+        ".,speech.wav,happy.bvh,,,,,,,\n"
+        ".,speech.wav,happy.bvh,skipped,,,,,,False\n"
+    )
+    made = batch.generate_all(table, tmp_path, g.Request(), model)
+    assert [path.name for path in made] == ["one.bvh", "audio_speech_label_happy.bvh"]
+    alone = ask(folder, "old", temperature=0.5, seed=3, frames=((5, 40),), first_pose=str(folder / "happy.bvh"))
+    expected = g.generate(folder / "speech.wav", alone, model=model)
+    assert made[0].read_text() == bvh.format(expected.clip)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("sound,style\na.wav,old\n", "column 'sound'"),
+        ("style\nold\n", "no column 'audio'"),
+        ("audio,frames\nspeech.wav,1\n", "frames '1'"),
+        ("audio,seed\nspeech.wav,x\n", "malformed number"),
+        ("audio,generate\nspeech.wav,0\n", "no row to generate"),
+        ("audio,file_name\nspeech.wav,a\nspeech.wav,a\n", "'a.bvh' twice"),
+    ],
+)
+def test_wrong_tables_get_one_sentence(folder, model, tmp_path, text, sentence):
+    (tmp_path / "t.csv").write_text(text)
+    with pytest.raises(ValueError, match=sentence):
+        batch.generate_all(tmp_path / "t.csv", tmp_path, g.Request(), model)
