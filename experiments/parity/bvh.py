@@ -143,11 +143,11 @@ def _written(folder: Path, case: dict[str, Any]) -> Iterator[Row]:
     """Poses written as generation writes them, as they are and moved to the origin."""
     if not (folder / "poses.npz").exists():
         return
-    arrays, loaded = read_arrays(folder / "poses.npz"), case["loaded"]
-    local, still = arrays["V_lpos"], np.zeros_like(arrays["V_root_pos"])
-    root = Root(jnp.asarray(arrays["V_root_pos"]), jnp.asarray(arrays["V_root_rot"]))
-    axes = rotation.quaternion_to_axes(arrays["V_lrot"])
-    poses = jax.tree.map(jnp.asarray, Pose(root, still, still, local, axes, local, local))
+    loaded = case["loaded"]
+    arrays = {key: jnp.asarray(array) for key, array in read_arrays(folder / "poses.npz").items()}
+    root, local = Root(arrays["V_root_pos"], arrays["V_root_rot"]), arrays["V_lpos"]
+    axes, still = rotation.quaternion_to_axes(arrays["V_lrot"]), jnp.zeros_like(root.pos)
+    poses = Pose(root, still, still, local, axes, local, local)
     for file, rebase in (("write_bvh.bvh", False), ("write_bvh_start.bvh", True)):
         if (folder / file).exists():
             skeleton = bvh.read(folder / file).skeleton

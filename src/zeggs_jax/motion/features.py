@@ -6,6 +6,7 @@ length share a few compiled programs.
 
 from collections.abc import Callable
 from functools import partial
+from itertools import zip_longest
 from typing import Any, Literal, NamedTuple
 
 import jax
@@ -151,8 +152,8 @@ def _encode(
 ) -> tuple[Pose, Float[Array, "T 3"]]:
     """Poses, and the horizontal direction in which the head looks."""
     rotations = _local_quaternions(euler, orders)
-    (hips, _), (_, spine), (head, _) = (_follow(rotations, positions, path) for path in paths)
-    root = Root(spine * jnp.array([[1.0, 0.0, 1.0]]), _yaw(_ahead(hips)))
+    turns, places = _follow(rotations, positions, paths)  # of hips, spine and head
+    root = Root(places[:, 1] * jnp.array([[1.0, 0.0, 1.0]]), _yaw(_ahead(turns[:, 0])))
     away = quaternion.inverse(root.rot)
     rotations = rotations.at[:, 0].set(quaternion.multiply(away, rotations[:, 0]))
     positions = positions.at[:, 0].set(quaternion.rotate(away, positions[:, 0] - root.pos))
@@ -167,19 +168,23 @@ def _encode(
         joint_vel=_velocity(positions, frame_time),
         joint_ang=_angular_velocity(rotations, frame_time),
     )
-    return pose, quaternion.normalize(_ahead(head))
+    return pose, quaternion.normalize(_ahead(turns[:, 2]))
 
 
-def _follow(rotations: Array, positions: Array, path: tuple[int, ...]) -> tuple[Array, Array]:
-    """World rotation and position of the last joint of a path from joint 0."""
+def _follow(
+    rotations: Float[Array, "T J 4"], positions: Float[Array, "T J 3"], paths: tuple[tuple[int, ...], ...]
+) -> tuple[Float[Array, "T p 4"], Float[Array, "T p 3"]]:
+    """World rotations and positions of the joints at which paths from joint 0 end, one joint at a time."""
+    joints = np.asarray(list(zip_longest(*paths, fillvalue=-1)))  # short paths wait at their end
+    ended = (joints < 0)[:, None, :, None]
+    turns = jnp.where(ended, jnp.eye(1, 4)[None, None], jnp.swapaxes(rotations[:, joints], 0, 1))
+    arms = jnp.where(ended, 0.0, jnp.swapaxes(positions[:, joints], 0, 1))
 
     def step(above: tuple[Array, Array], local: tuple[Array, Array]) -> tuple[tuple[Array, Array], None]:
-        (turn, pos), (local_turn, local_pos) = above, local
-        return (quaternion.multiply(turn, local_turn), pos + quaternion.rotate(turn, local_pos)), None
+        (turn, pos), (local_turn, arm) = above, local
+        return (quaternion.multiply(turn, local_turn), pos + quaternion.rotate(turn, arm)), None
 
-    joints = np.asarray(path[1:], np.int32)
-    local = (jnp.swapaxes(rotations[:, joints], 0, 1), jnp.swapaxes(positions[:, joints], 0, 1))
-    return jax.lax.scan(step, (rotations[:, path[0]], positions[:, path[0]]), local)[0]
+    return jax.lax.scan(step, (turns[0], arms[0]), (turns[1:], arms[1:]))[0]
 
 
 def _ahead(turn: Float[Array, "T 4"]) -> Float[Array, "T 3"]:
