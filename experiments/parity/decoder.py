@@ -42,12 +42,12 @@ def check(golden: Path, reference: Path | None) -> Iterator[Row]:
             continue
         scales = read_scales(read_arrays(reference / "v1" / "stats.npz"), config)
         if name == LONG:
-            arrays["speech"] = _long_speech(case[LONG])
+            arrays["speech"] = _long_speech(case[LONG], spec["speech_encoding_size"])
         yield from rows(STAGE, case, file, arrays, _whole(arrays, state, config, scales))
 
 
-def _long_speech(about: dict[str, Any]) -> np.ndarray:
-    shape = (1, about["T"], 64)
+def _long_speech(about: dict[str, Any], size: int) -> np.ndarray:
+    shape = (1, about["T"], size)
     return recipe("long.speech", shape, about["recipe_seed"], float(np.sqrt(np.prod(shape[1:]))))
 
 

@@ -31,7 +31,7 @@ def check(golden: Path, reference: Path | None) -> Iterator[Row]:
         arrays, spec = read_arrays(folder / file), case.get(file.removesuffix(".npz"), {})
         if "file" in spec:
             if reference is not None:
-                yield from _published(case, file, arrays, spec, reference.parent)
+                yield from _published(case, file, arrays, spec, reference)
             continue
         stored = read_arrays(folder / "small.npz") if file == "small_short.npz" else arrays
         state = state_dict(case, file, stored, spec)
@@ -57,8 +57,8 @@ def _run(state: Arrays, x: np.ndarray, dtype: Any) -> dict[str, Any]:
     return {**before, "y": y}
 
 
-def _published(case: dict, file: str, arrays: Arrays, spec: dict, root: Path) -> Iterator[Row]:
-    path = root / spec["file"]
+def _published(case: dict, file: str, arrays: Arrays, spec: dict, reference: Path) -> Iterator[Row]:
+    path = reference / spec["file"].removeprefix("reference/")
     state = torch_pickle.read(path.read_bytes(), path.name)
     name = file.removesuffix(".npz")
     for key, sums in spec["tensors"].items():
