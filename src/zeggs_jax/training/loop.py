@@ -89,7 +89,7 @@ def fit(
             values = {name: float(value) for name, value in jax.device_get(metrics).items()}
             _check_finite(values, k, run)
             if k % plan.log_every == 0 or k + 1 == plan.steps:
-                log.write(json.dumps({"step": k, **values}) + "\n")
+                log.write(json.dumps({"step": k, "loss": values["loss"], **values}) + "\n")
                 log.flush()
                 bar.set_postfix(loss=f"{values['loss']:.4f}", refresh=False)
             bar.update()
