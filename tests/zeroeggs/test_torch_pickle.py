@@ -223,9 +223,7 @@ def test_a_damaged_pickle_gives_an_error_or_numbers(torch_file, data):
         assert all(isinstance(array, np.ndarray) for array in torch_pickle.read(file).values())
 
 
-@pytest.mark.skipif(
-    "ZEGGS_REFERENCE" not in os.environ, reason="needs the release's files; see CONTRIBUTING.md"
-)
+@pytest.mark.skipif(not PUBLISHED.exists(), reason="the release's files are not in the repository")
 @pytest.mark.parametrize("version", ["v1", "v2"])
 def test_the_published_speech_encoder(version):
     path = PUBLISHED / version / "speech_encoder.pt"
