@@ -23,13 +23,13 @@ DEMO = TrainConfig(
         style=StyleEncoderConfig(hidden=128, size=32),
         decoder=DecoderConfig(hidden=256, layers=2),
     ),
-    windows=WindowConfig(batch=16, window=90, example=(90, 180)),
-    steps=10_000,
-    learning_rate=7e-4,
-    decay=0.75,
+    windows=WindowConfig(batch=16, window=75, example=(90, 180)),
+    steps=6_000,
+    learning_rate=1e-3,
+    decay=0.6,
     kl_middle=1500.0,
     log_every=20,
-    checkpoint_every=500,
+    checkpoint_every=250,
 )
 
 
