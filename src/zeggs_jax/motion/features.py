@@ -64,7 +64,8 @@ def decode(
 
     `rebase` moves the whole motion so that the root of frame 0 is at the origin and faces +Z. `offsets` says
     where the bones' offsets come from: the joint positions of frame 0 (as released), the skeleton's own, or
-    "per_frame", which also keeps the predicted positions of all joints in every frame.
+    "per_frame", which also keeps the predicted positions of all joints in every frame. The root's rotation
+    loses length in a long rollout, which Euler angles do not bear; without `unit_root` it stays, as released.
     """
     euler, positions = in_float64(partial(_decode, rebased=rebase, unit_root=unit_root), poses)
     first = positions[0] if offsets != "skeleton" else np.asarray(skeleton.offsets, np.float64)
