@@ -147,17 +147,19 @@ def _config(case: Case, stored: Arrays) -> ZeroEggsConfig:
 
 
 def _batch(batches: Arrays, number: int, k: int) -> tuple[Batch, Draws]:
-    """Batch `number` in our form, and the draws of iteration `k`; no dropout."""
+    """Batch `number` in our form, examples padded to one length, and the draws of iteration `k`; no dropout."""
     arrays = _under(batches, f"b{number}_")
     poses: Pose = pose_of(arrays, "")
-    example = arrays["style"][..., : to_vector(poses).shape[-1]]  # the last columns are the gaze's, zeros
-    size, length = len(example), np.full(len(example), example.shape[1], np.int32)
+    longest = max(array.shape[1] for key, array in batches.items() if key.endswith("_style"))
+    size, length, _ = arrays["style"].shape
+    width = to_vector(poses).shape[-1]  # the columns behind it are the gaze's, zeros
+    example = np.pad(arrays["style"][..., :width], ((0, 0), (0, longest - length), (0, 0)))
     batch = Batch(
         speech=arrays["audio_features"],
         poses=poses,
         gaze=arrays["gaze_pos"][:, 0],  # constant over a clip
         example=example,
-        example_length=length,
+        example_length=np.full(size, length, np.int32),
         label=np.argmax(batches["onehot"][number], axis=-1).astype(np.int32),
     )
     return batch, Draws(jnp.asarray(batches["eps"][k, :size]), None, None)
