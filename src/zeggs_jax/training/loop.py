@@ -56,7 +56,7 @@ def make_step(loss_fn: LossFn, optimiser: optax.GradientTransformation, seed: in
         (loss, terms), grads = jax.value_and_grad(loss_fn, has_aux=True)(state.params, batch, key, state.step)
         updates, opt_state = optimiser.update(grads, state.opt_state, state.params)
         params = optax.apply_updates(state.params, updates)
-        metrics = {"loss": loss, **terms, "gradient": optax.global_norm(grads)}
+        metrics = {"loss": loss, **terms, "gradient": jnp.sqrt(sum(jnp.sum(g * g) for g in jax.tree.leaves(grads)))}
         return TrainState(state.step + 1, params, opt_state), metrics
 
     return jax.jit(step, donate_argnums=0)

@@ -1,0 +1,132 @@
+"""The loop on a small quadratic: it learns, resumes to the same bits, stops cleanly, and never saves what is not finite."""
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from zeggs_jax.training import checkpoint, loop
+from zeggs_jax.training.loop import Plan
+from zeggs_jax.training.optimiser import radam
+
+PLAN = Plan(steps=12, log_every=1, checkpoint_every=4, keep=2)
+OPTIMISER = radam(0.05)
+
+
+def loss_fn(params, batch, key, step):
+    noise = 0.01 * jax.random.normal(key, batch.shape)
+    error = jnp.mean((params["w"] - batch - noise) ** 2)
+    return error, {"error": error}
+
+
+def batches(k: int) -> np.ndarray:
+    return np.random.default_rng(k).normal(1.0, 0.1, 5).astype(np.float32)
+
+
+def start() -> loop.TrainState:
+    return loop.begin({"w": jnp.zeros(5)}, OPTIMISER)
+
+
+def save(path: Path, state: loop.TrainState) -> None:
+    checkpoint.save(path, state, {})
+
+
+def resume(run: Path) -> loop.TrainState:
+    tree, _ = checkpoint.load(loop.checkpoints(run)[-1], start())
+    return jax.tree.map(jnp.asarray, tree)
+
+
+def fit(run: Path, state: loop.TrainState, plan: Plan = PLAN, given=batches, seed: int = 3) -> loop.TrainState:
+    step = loop.make_step(loss_fn, OPTIMISER, seed)
+    return loop.fit(state, step, given, run, plan, save, progress=False)
+
+
+def log_of(run: Path) -> list[dict]:
+    return list(loop.read_log(run / "log.jsonl"))
+
+
+def test_it_learns_and_writes(tmp_path):
+    state = fit(tmp_path, start())
+    log = log_of(tmp_path)
+    assert [line["step"] for line in log] == list(range(12))
+    assert log[-1]["loss"] < 0.9 * log[0]["loss"]
+    assert set(log[0]) == {"step", "loss", "error", "gradient"}
+    assert int(state.step) == 12
+    assert [path.name for path in loop.checkpoints(tmp_path)] == ["step_00000008", "step_00000012"]
+
+
+def test_a_resumed_run_has_the_numbers_of_an_unbroken_one(tmp_path):
+    whole = fit(tmp_path / "whole", start())
+    fit(tmp_path / "parts", start(), PLAN._replace(steps=5))
+    parts = fit(tmp_path / "parts", resume(tmp_path / "parts"))
+    assert (tmp_path / "whole" / "log.jsonl").read_text() == (tmp_path / "parts" / "log.jsonl").read_text()
+    jax.tree.map(np.testing.assert_array_equal, whole, parts)
+
+
+def test_another_seed_gives_other_numbers(tmp_path):
+    fit(tmp_path / "a", start())
+    fit(tmp_path / "b", start(), seed=4)
+    assert log_of(tmp_path / "a")[0]["loss"] != log_of(tmp_path / "b")[0]["loss"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_run_saves_and_resumes(tmp_path, number):
+    def stopping(k: int) -> np.ndarray:
+        if k == 6:
+            os.kill(os.getpid(), number)
+        return batches(k)
+
+    handlers = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
+    with pytest.raises(KeyboardInterrupt, match="stopped after 6 updates"):
+        fit(tmp_path / "run", start(), given=stopping)
+    assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == handlers
+    assert loop.checkpoints(tmp_path / "run")[-1].name == "step_00000006"
+    fit(tmp_path / "run", resume(tmp_path / "run"))
+    fit(tmp_path / "whole", start())
+    assert (tmp_path / "run" / "log.jsonl").read_text() == (tmp_path / "whole" / "log.jsonl").read_text()
+
+
+def test_what_is_not_finite_stops_and_is_not_saved(tmp_path):
+    def broken(k: int) -> np.ndarray:
+        return batches(k) * (np.nan if k == 7 else 1)
+
+    with pytest.raises(ValueError, match=r"update 7 \(batch 7\): 'error' is not finite.*step_00000004"):
+        fit(tmp_path, start(), given=broken)
+    assert [path.name for path in loop.checkpoints(tmp_path)] == ["step_00000004"]
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(resume(tmp_path)))
+
+
+def test_a_gradient_that_is_not_finite_stops_too(tmp_path):
+    def root(params, batch, key, step):
+        error = jnp.sum(jnp.sqrt(jnp.abs(params["w"])))
+        return error, {"error": error}
+
+    step = loop.make_step(root, OPTIMISER, 0)
+    with pytest.raises(ValueError, match="update 0 .*'gradient' is not finite; there is no checkpoint yet"):
+        loop.fit(start(), step, batches, tmp_path, PLAN._replace(checkpoint_every=1), save, progress=False)
+
+
+def test_log_lines_of_lost_updates_are_dropped(tmp_path):
+    path = tmp_path / "log.jsonl"
+    path.write_text("".join(json.dumps({"step": k}) + "\n" for k in range(6)) + '{"step": 6, "lo')
+    with loop.open_log(path, 4) as log:
+        log.write(json.dumps({"step": 4}) + "\n")
+    assert [line["step"] for line in loop.read_log(path)] == [0, 1, 2, 3, 4]
+
+
+def test_unfinished_checkpoints_do_not_count(tmp_path):
+    fit(tmp_path, start(), PLAN._replace(steps=4))
+    (tmp_path / "checkpoints" / "step_00000009").mkdir()
+    (tmp_path / "checkpoints" / ".step_00000010.abc").mkdir()
+    assert [path.name for path in loop.checkpoints(tmp_path)] == ["step_00000004"]
+
+
+def test_a_finished_run_does_nothing(tmp_path):
+    done = fit(tmp_path, start())
+    again = fit(tmp_path, jax.tree.map(jnp.array, done), given=lambda k: pytest.fail("no batch is needed"))
+    assert int(again.step) == 12
