@@ -24,7 +24,7 @@ DEMO = TrainConfig(
         decoder=DecoderConfig(hidden=256, layers=2),
     ),
     windows=WindowConfig(batch=16, window=75, example=(90, 180)),
-    steps=6_000,
+    steps=3_000,
     learning_rate=1e-3,
     decay=0.6,
     kl_middle=1500.0,
@@ -34,7 +34,9 @@ DEMO = TrainConfig(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("corpus", type=Path)
     parser.add_argument("-o", "--out", type=Path, required=True)
     args = parser.parse_args()
