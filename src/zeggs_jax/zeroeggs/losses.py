@@ -113,4 +113,4 @@ def kl_weight(
 
 def total(terms: Terms, divergence: ArrayLike) -> Float[Array, ""]:
     """The loss: the sum of the 17 terms and the weighted divergence, over 18 (without a divergence too)."""
-    return (sum(terms) + divergence) / (len(Terms._fields) + 1)
+    return jnp.asarray(sum(terms) + divergence) / (len(Terms._fields) + 1)
