@@ -57,7 +57,9 @@ def integrate(pos, rot, velocity, turn):
     angle = torch.linalg.norm(half) + 1e-8
     step = torch.cat([torch.cos(angle)[None], half * torch.sin(angle) / angle])
     w, v = step[0], step[1:]
-    turned = torch.cat([(w * rot[0] - v @ rot[1:])[None], w * rot[1:] + rot[0] * v + torch.linalg.cross(v, rot[1:])])
+    turned = torch.cat(
+        [(w * rot[0] - v @ rot[1:])[None], w * rot[1:] + rot[0] * v + torch.linalg.cross(v, rot[1:])]
+    )
     return pos + rotate(rot, velocity * DT), turned
 
 
@@ -66,10 +68,20 @@ def ours(frames: int):
     config = ZeroEggsConfig()
     params = init(jax.random.key(0), config)
     unit = Scales(
-        Scale(jnp.zeros(81), jnp.ones(81)), Scale(jnp.zeros(POSE + 3), jnp.ones(POSE + 3)), Scale(jnp.zeros(POSE), jnp.ones(POSE))
+        Scale(jnp.zeros(81), jnp.ones(81)),
+        Scale(jnp.zeros(POSE + 3), jnp.ones(POSE + 3)),
+        Scale(jnp.zeros(POSE), jnp.ones(POSE)),
     )
     z = jnp.zeros
-    first = Pose(Root(z(3), jnp.array([1.0, 0, 0, 0])), z(3), z(3), z((JOINTS, 3)), z((JOINTS, 2, 3)), z((JOINTS, 3)), z((JOINTS, 3)))
+    first = Pose(
+        Root(z(3), jnp.array([1.0, 0, 0, 0])),
+        z(3),
+        z(3),
+        z((JOINTS, 3)),
+        z((JOINTS, 2, 3)),
+        z((JOINTS, 3)),
+        z((JOINTS, 3)),
+    )
     rng = np.random.default_rng(0)
     speech, style = jnp.asarray(rng.normal(size=(2, frames, 64)), jnp.float32)
     gaze = jnp.tile(jnp.array([[0.0, 0.0, 100.0]]), (frames, 1))
@@ -93,7 +105,9 @@ def theirs(frames: int):
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--frames", type=int, default=600)
     parser.add_argument("--repeats", type=int, default=7)
     args = parser.parse_args()
@@ -110,7 +124,9 @@ def main() -> None:
             times[name].append(1e3 * (time.perf_counter() - start) / args.frames)
     print(f"paper size, batch 1, {args.frames} frames, {cores} core(s), {args.repeats} interleaved repeats")
     for name, values in times.items():
-        print(f"{name:14s} {statistics.median(values):6.2f} ms/frame   (min {min(values):.2f}, max {max(values):.2f})")
+        print(
+            f"{name:14s} {statistics.median(values):6.2f} ms/frame   (min {min(values):.2f}, max {max(values):.2f})"
+        )
     ratio = statistics.median(times["PyTorch eager"]) / statistics.median(times["zeggs-jax"])
     print(f"ratio of medians: {ratio:.2f}x")
 

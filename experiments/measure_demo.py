@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from tqdm import tqdm
+
 from zeggs_jax.metrics import kinematic, recognition, rhythm
 from zeggs_jax.motion import bvh
 from zeggs_jax.speech import features as speech_features
@@ -67,7 +68,9 @@ def measure(clip: bvh.Clip, speech: Path, centroids: recognition.Centroids) -> d
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("voices", type=Path, nargs="+")
     parser.add_argument("--checkpoint", type=Path, help="a model of your own; the bundled one when left out")
     parser.add_argument("--json", type=Path)
@@ -91,7 +94,9 @@ def main() -> None:
         if args.pages:
             args.pages.mkdir(parents=True, exist_ok=True)
             player.write(args.pages / f"{voice.stem}.html", figures, title=voice.stem)
-    drift = {style: minute_drift(args.voices, style, model) for style in tqdm(styles, desc="60 s", unit="style")}
+    drift = {
+        style: minute_drift(args.voices, style, model) for style in tqdm(styles, desc="60 s", unit="style")
+    }
     report(rows, jerk, drift, own_accuracy(statistics), args.json)
 
 
@@ -102,12 +107,19 @@ def minute_drift(voices: list[Path], style: str, model: g.Model) -> float:
     return kinematic.root_drift(g.generate(minute, style, model=model).clip)
 
 
-def report(rows: list[dict], jerk: dict[str, float], drift: dict[str, float], accuracy: float, path: Path | None) -> None:
+def report(
+    rows: list[dict], jerk: dict[str, float], drift: dict[str, float], accuracy: float, path: Path | None
+) -> None:
     """Prints the table by style and the figures over all, and writes them."""
-    print(f"{'style':10s} {'matched':>8s} {'shifted':>8s} {'recognised':>10s} {'jerk/truth':>10s} {'drift cm':>8s} {'outside':>8s}")
+    print(
+        f"{'style':10s} {'matched':>8s} {'shifted':>8s} {'recognised':>10s} {'jerk/truth':>10s} {'drift cm':>8s} {'outside':>8s}"
+    )
     for style in drift:
         of = [row for row in rows if row["style"] == style]
-        mean = {key: float(np.mean([row[key] for row in of])) for key in ("matched", "shifted", "jerk", "outside_range")}
+        mean = {
+            key: float(np.mean([row[key] for row in of]))
+            for key in ("matched", "shifted", "jerk", "outside_range")
+        }
         known = float(np.mean([row["recognised"] == style for row in of]))
         print(
             f"{style:10s} {mean['matched']:8.3f} {mean['shifted']:8.3f} {known:10.0%} {mean['jerk'] / jerk[style]:10.2f} "

@@ -21,6 +21,7 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float
 from tqdm import tqdm
+
 from zeggs_jax.data import scale
 from zeggs_jax.data.scale import Scales
 from zeggs_jax.geometry import quaternion
@@ -74,13 +75,13 @@ def release_frames(clip: Clip) -> Clip:
     return features.with_quaternions(clip, np.asarray(local), positions)
 
 
-def read_excerpt(bvh_path: Path, wav_path: Path, start: float, seconds: float) -> Excerpt:
-    """`seconds` of the take from `start` on, at 60 fps, with statistics of its own."""
-    clip = edit.resample(release_frames(bvh.read(bvh_path)), 60.0)
-    clip = edit.trim(clip._replace(frame_time=ZeroEggsConfig().frame_time), round(60 * start), round(60 * (start + seconds)))
+def read_excerpt(bvh_path: Path, wav_path: Path, start: float, seconds: float, rate: float) -> Excerpt:
+    """`seconds` of the take from `start` on, at `rate` frames per second, with statistics of its own."""
+    clip = edit.resample(release_frames(bvh.read(bvh_path)), rate)
+    clip = edit.trim(clip, round(rate * start), round(rate * (start + seconds)))
     wave = wav.read(wav_path)[round(16000 * start) : round(16000 * (start + seconds))]
     motion = features.encode(clip)
-    speech = speech_features.extract(wave, len(clip.euler))
+    speech = speech_features.extract(wave, len(clip.euler), rate)
     vectors = jax.vmap(pose.to_vector)(motion.pose)
     gaze = jax.vmap(pose.gaze_direction, (0, None))(motion.pose.root, motion.gaze)
     scales = scale.fit([speech], [np.asarray(vectors)], [np.asarray(gaze)], len(clip.skeleton))
@@ -93,7 +94,9 @@ def mean_joint_error(predicted: Pose, target: Pose, parents: tuple[int, ...]) ->
     return jnp.linalg.norm(world(predicted) - world(target), axis=-1).mean()
 
 
-def rollout(params: Any, excerpt: Excerpt, config: ZeroEggsConfig, start: Array, frames: int) -> tuple[Pose, Pose]:
+def rollout(
+    params: Any, excerpt: Excerpt, config: ZeroEggsConfig, start: Array, frames: int
+) -> tuple[Pose, Pose]:
     """(predicted, true) poses of `frames` frames from `start` on, closed loop; the style is the excerpt's mean."""
     cut = partial(jax.lax.dynamic_slice_in_dim, start_index=start, slice_size=frames)
     target = jax.tree.map(cut, excerpt.motion.pose)
@@ -101,12 +104,15 @@ def rollout(params: Any, excerpt: Excerpt, config: ZeroEggsConfig, start: Array,
     style = encode_style(params, config, excerpt.scales, excerpt.vectors).mean
     first = jax.tree.map(lambda x: x[0], target)
     hold = lambda x: jnp.tile(x[None], (frames, 1))  # noqa: E731
-    return decode(params, config, excerpt.scales, first, cut(speech), hold(style), hold(excerpt.motion.gaze)), target
+    return decode(
+        params, config, excerpt.scales, first, cut(speech), hold(style), hold(excerpt.motion.gaze)
+    ), target
 
 
 def train(excerpt: Excerpt, out: Path, args: argparse.Namespace) -> tuple[Any, float, float]:
     """Trains until the whole rollout is below GOAL; returns parameters, error in cm, seconds of training."""
-    config, parents, frames = ZeroEggsConfig(), excerpt.clip.skeleton.parents, len(excerpt.clip.euler)
+    parents, frames = excerpt.clip.skeleton.parents, len(excerpt.clip.euler)
+    config = ZeroEggsConfig(frame_time=excerpt.clip.frame_time)
     params = init(jax.random.key(0), config)
     rate = optax.cosine_decay_schedule(args.learning_rate, args.steps, 0.02)
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), radam(rate))
@@ -121,7 +127,9 @@ def train(excerpt: Excerpt, out: Path, args: argparse.Namespace) -> tuple[Any, f
         def loss(params):
             def one(start):
                 predicted, target = rollout(params, excerpt, config, start, args.window)
-                terms = losses.reconstruction(predicted, target, excerpt.motion.gaze, parents, config.frame_time)
+                terms = losses.reconstruction(
+                    predicted, target, excerpt.motion.gaze, parents, config.frame_time
+                )
                 return sum(terms) / 18.0
 
             return jax.vmap(one)(starts).mean()
@@ -130,7 +138,9 @@ def train(excerpt: Excerpt, out: Path, args: argparse.Namespace) -> tuple[Any, f
         updates, opt_state = optimiser.update(gradient, opt_state, params)
         return optax.apply_updates(params, updates), opt_state, value
 
-    error_of = jax.jit(lambda p: mean_joint_error(*rollout(p, excerpt, config, jnp.int32(0), frames), parents))
+    error_of = jax.jit(
+        lambda p: mean_joint_error(*rollout(p, excerpt, config, jnp.int32(0), frames), parents)
+    )
     params, opt_state, done, spent = state
     spent, error, begun = float(spent), float("inf"), time.monotonic()
     bar = tqdm(range(int(done), args.steps), initial=int(done), total=args.steps, unit="step")
@@ -147,12 +157,15 @@ def train(excerpt: Excerpt, out: Path, args: argparse.Namespace) -> tuple[Any, f
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--bvh", type=Path, required=True)
     parser.add_argument("--wav", type=Path, required=True)
     parser.add_argument("-o", "--out", type=Path, required=True)
     parser.add_argument("--start", type=float, default=2.0, help="seconds into the take")
     parser.add_argument("--seconds", type=float, default=8.0)
+    parser.add_argument("--rate", type=float, default=60.0, help="frames per second; the file has 30")
     parser.add_argument("--steps", type=int, default=4000)
     parser.add_argument("--batch", type=int, default=8)
     parser.add_argument("--window", type=int, default=64, help="frames")
@@ -160,9 +173,9 @@ def main() -> None:
     parser.add_argument("--learning-rate", type=float, default=3e-4)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
-    excerpt = read_excerpt(args.bvh, args.wav, args.start, args.seconds)
+    excerpt = read_excerpt(args.bvh, args.wav, args.start, args.seconds, args.rate)
     params, error, seconds = train(excerpt, args.out, args)
-    frames, config = len(excerpt.clip.euler), ZeroEggsConfig()
+    frames, config = len(excerpt.clip.euler), ZeroEggsConfig(frame_time=excerpt.clip.frame_time)
     predicted, _ = jax.jit(lambda p: rollout(p, excerpt, config, jnp.int32(0), frames))(params)
     made = features.decode(predicted, excerpt.clip.skeleton, config.frame_time)
     truth = features.decode(excerpt.motion.pose, excerpt.clip.skeleton, config.frame_time)
@@ -172,10 +185,17 @@ def main() -> None:
         bvh.write(args.out / f"{name}.bvh", clip)
     player.write(
         args.out / "index.html",
-        [player.Figure(name, clip, args.out / "speech.wav") for name, clip in (("truth", truth), ("model", made))],
+        [
+            player.Figure(name, clip, args.out / "speech.wav")
+            for name, clip in (("truth", truth), ("model", made))
+        ],
         title="Overfitted on 8 s of take 067",
     )
-    print(json.dumps({"mean_joint_error_cm": round(error, 3), "frames": frames, "training_seconds": round(seconds)}))
+    print(
+        json.dumps(
+            {"mean_joint_error_cm": round(error, 3), "frames": frames, "rate_hz": args.rate, "training_seconds": round(seconds)}
+        )
+    )
 
 
 if __name__ == "__main__":

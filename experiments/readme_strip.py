@@ -1,6 +1,6 @@
 """The strip of poses on the README's first screen: one speech in four styles, made by the bundled model.
 
-    python experiments/readme_strip.py docs/strip.svg
+python experiments/readme_strip.py docs/strip.svg
 """
 
 import sys

@@ -16,9 +16,22 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import jax
+
 from parity.golden import Row
 
-STAGES = ("rotations", "bvh", "audio", "speech_encoder", "style_encoder", "decoder", "losses", "train", "dataset", "convert", "generate")
+STAGES = (
+    "rotations",
+    "bvh",
+    "audio",
+    "speech_encoder",
+    "style_encoder",
+    "decoder",
+    "losses",
+    "train",
+    "dataset",
+    "convert",
+    "generate",
+)
 
 
 def rows(golden: Path, reference: Path | None, stages: tuple[str, ...]) -> Iterator[Row]:
@@ -35,11 +48,15 @@ def rows(golden: Path, reference: Path | None, stages: tuple[str, ...]) -> Itera
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--golden", type=Path, required=True, help="folder of golden vectors")
     parser.add_argument("--reference", type=Path, help="folder of the release's v1 and v2 files")
     parser.add_argument("--json", type=Path, help="also write the rows to this file")
-    parser.add_argument("--only", nargs="+", choices=STAGES, default=STAGES, metavar="STAGE", help="stages to run")
+    parser.add_argument(
+        "--only", nargs="+", choices=STAGES, default=STAGES, metavar="STAGE", help="stages to run"
+    )
     args = parser.parse_args()
     for folder in filter(None, (args.golden, args.reference)):
         if not folder.is_dir():

@@ -43,7 +43,9 @@ def folder(tmp_path_factory):
     (where / "old.bvh").write_text(text)
     (where / "cut.bvh").write_text(text[: int(0.7 * len(text))])
     lines = text.splitlines()
-    (where / "nan.bvh").write_text("\n".join([*lines[:-3], lines[-3].replace(lines[-3].split()[7], "nan", 1), *lines[-2:]]))
+    (where / "nan.bvh").write_text(
+        "\n".join([*lines[:-3], lines[-3].replace(lines[-3].split()[7], "nan", 1), *lines[-2:]])
+    )
     (where / "other.bvh").write_text(text.replace("RightHandThumb4", "Tail"))
     clip = bvh.read(where / "old.bvh")
     bvh.write(where / "short.bvh", clip._replace(euler=clip.euler[:3], positions=clip.positions[:3]))
@@ -72,7 +74,9 @@ def test_generate_writes_motion_provenance_and_page(zeggs, folder, tmp_path):
 def test_embed_then_generate_is_generate(zeggs, folder, tmp_path):
     assert zeggs("embed", "happy", "-o", tmp_path / "happy.npz")[0] == 0
     for style, name in (("happy", "a"), (tmp_path / "happy.npz", "b")):
-        assert zeggs("generate", folder / "speech.wav", "--style", style, "-o", tmp_path / f"{name}.bvh")[0] == 0
+        assert (
+            zeggs("generate", folder / "speech.wav", "--style", style, "-o", tmp_path / f"{name}.bvh")[0] == 0
+        )
     assert (tmp_path / "a.bvh").read_bytes() == (tmp_path / "b.bvh").read_bytes()
 
 
@@ -83,9 +87,10 @@ def test_styles_lists_the_bundled_ones(zeggs):
 def test_convert_back_writes_plain_arrays(zeggs, tmp_path):
     assert zeggs("convert", "--to-torch", g.BUNDLE / "model", "-o", tmp_path / "arrays.npz")[0] == 0
     with np.load(tmp_path / "arrays.npz") as arrays:
-        assert arrays["decoder/recurrent_decoder.layer1.weight_hh_l0"].shape[0] == 3 * arrays[
-            "decoder/recurrent_decoder.layer1.weight_hh_l0"
-        ].shape[1]
+        assert (
+            arrays["decoder/recurrent_decoder.layer1.weight_hh_l0"].shape[0]
+            == 3 * arrays["decoder/recurrent_decoder.layer1.weight_hh_l0"].shape[1]
+        )
 
 
 @pytest.mark.parametrize(
@@ -103,7 +108,10 @@ def test_convert_back_writes_plain_arrays(zeggs, tmp_path):
         (("{f}/speech.wav", "--style", "hapy"), "happy"),
         (("{f}/speech.wav", "--style", "old", "--frames", "10:9999"), "frames 0:"),
         (("{f}/speech.wav", "--style", "old", "--frames", "10-20"), "START:STOP"),
-        (("{f}/speech.wav", "--style", "old", "--style", "happy", "--weights", "0.5"), "1 weights for 2 styles"),
+        (
+            ("{f}/speech.wav", "--style", "old", "--style", "happy", "--weights", "0.5"),
+            "1 weights for 2 styles",
+        ),
         (("{f}/speech.wav", "--style", "old", "--style", "happy", "--weights", "0.5", "0.9"), "sum to 1.4"),
         (("{f}/speech.wav", "--checkpoint", "{f}/model"), "damaged"),
         (("{f}/speech.wav", "--checkpoint", "{f}"), "checkpoint"),
@@ -134,7 +142,9 @@ def test_a_checkpoint_of_another_config_names_the_parameter(zeggs, folder, tmp_p
     tree, metadata = checkpoint.load(g.BUNDLE / "model")
     metadata["model"]["decoder"]["hidden"] += 1
     checkpoint.save(tmp_path / "other", tree, metadata)
-    status, _, told = zeggs("generate", folder / "speech.wav", "--checkpoint", tmp_path / "other", "-o", tmp_path / "o.bvh")
+    status, _, told = zeggs(
+        "generate", folder / "speech.wav", "--checkpoint", tmp_path / "other", "-o", tmp_path / "o.bvh"
+    )
     assert status == 2
     assert "decoder" in told
     assert "config" in told

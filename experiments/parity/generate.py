@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+
 from zeggs_jax.data import scale
 from zeggs_jax.geometry import quaternion, rotation
 from zeggs_jax.motion import bvh, edit, features, pose
@@ -27,7 +28,9 @@ DEGREES = np.radians(2e-4)  # written angles: the golden README's comparison of 
 END_TO_END = 1e-4  # rotation entries with our own resampler and float64 features all through
 LAST_PLACE = 2e-4  # a scaled velocity when a hip position differs by its last float32 digit (5e-7 cm / dt / std, twice)
 NEAR_LOCK = 2e-3  # the release's float32 asin within 2 degrees of gimbal lock
-RESAMPLED = 5e-4  # speech features of a 44.1 kHz recording: another resampler than sox, most at the recording's ends
+RESAMPLED = (
+    5e-4  # speech features of a 44.1 kHz recording: another resampler than sox, most at the recording's ends
+)
 
 
 class Inputs(NamedTuple):
@@ -49,7 +52,9 @@ def check(golden: Path, reference: Path | None) -> Iterator[g.Row]:
     given = g.read_arrays(folder / "inputs.npz")
     paths = {"A": golden / "bvh" / "clip.bvh", "B": golden / "dataset" / "input" / "001_Old_1.bvh"}
     clips = {name: bvh.read(path) for name, path in paths.items()}
-    inputs = Inputs(folder, g.read_case(folder), g.read_case(golden / "bvh"), clips, given["eps"], given["embedding"])
+    inputs = Inputs(
+        folder, g.read_case(folder), g.read_case(golden / "bvh"), clips, given["eps"], given["embedding"]
+    )
     models = {v: formula_model(inputs.case, reference / v) for v in ("v1", "v2")}
     for name in inputs.case["cases"]:
         if (folder / f"{name}.npz").exists():
@@ -70,7 +75,9 @@ def formula_model(case: dict[str, Any], processed: Path) -> Model:
     config = torch_weights.infer_config(arrays, definition["dt"], labels)
     scales = torch_weights.read_scales(g.read_arrays(processed / "stats.npz"), config)
     names, parents = tuple(definition["bone_names"]), tuple(definition["parents"])
-    skeleton = Skeleton(names, parents, np.asarray(scales.pose_out.mean)[6 : 6 + 3 * len(names)].reshape(-1, 3))
+    skeleton = Skeleton(
+        names, parents, np.asarray(scales.pose_out.mean)[6 : 6 + 3 * len(names)].reshape(-1, 3)
+    )
     return Model(config, torch_weights.from_torch(arrays, config), scales, skeleton)
 
 
@@ -122,7 +129,9 @@ def check_case(name: str, inputs: Inputs, model: Model) -> Iterator[g.Row]:
         released = spectrum
     yield from output_rows(name, row, inputs, model, synthesize(model, released, sequence, start), expected)
     start = style_motions(name, inputs, features.encode)[1]
-    ours = features.decode(synthesize(model, spectrum, sequence, start), model.skeleton, model.config.frame_time, **AS_RELEASED)
+    ours = features.decode(
+        synthesize(model, spectrum, sequence, start), model.skeleton, model.config.frame_time, **AS_RELEASED
+    )
     yield from written_rows(f"{name} from the recording", ours, inputs.folder / f"{name}.bvh", END_TO_END)
 
 
@@ -142,7 +151,9 @@ def style_motions(
     return [cut[key] for key in used], cut[start]
 
 
-def first_pose_rows(name: str, inputs: Inputs, start: Motion, expected: dict[str, np.ndarray]) -> Iterator[g.Row]:
+def first_pose_rows(
+    name: str, inputs: Inputs, start: Motion, expected: dict[str, np.ndarray]
+) -> Iterator[g.Row]:
     """What `motion.features.encode` makes of the first frame, at the tolerances of the `bvh` stage's features."""
     first = jax.tree.map(lambda x: x[0], start.pose)
     parts = {
@@ -156,7 +167,9 @@ def first_pose_rows(name: str, inputs: Inputs, start: Motion, expected: dict[str
         yield g.Row(STAGE, f"{name}/first_{key}", error, g.allowed(inputs.features, "preprocess.npz", key))
 
 
-def output_rows(name: str, row: Any, inputs: Inputs, model: Model, poses: pose.Pose, expected: dict) -> Iterator[g.Row]:
+def output_rows(
+    name: str, row: Any, inputs: Inputs, model: Model, poses: pose.Pose, expected: dict
+) -> Iterator[g.Row]:
     """The decoder's poses and the file made from them, on the release's own speech features."""
     if "ltxy" in expected:
         yield row("ltxy", poses.joint_axes)
@@ -176,8 +189,15 @@ def written_rows(name: str, clip: bvh.Clip, path: Path, turn: float = DEGREES) -
     same = ours.skeleton.names == theirs.skeleton.names and ours.orders == theirs.orders
     yield g.Row(STAGE, f"{name}.bvh/joints, channels", 0.0 if same else np.inf, 0.0)
     yield g.Row(STAGE, f"{name}.bvh/frame time", abs(ours.frame_time - theirs.frame_time), 0.0)
-    yield g.Row(STAGE, f"{name}.bvh/offsets [cm]", g.max_error(ours.skeleton.offsets, theirs.skeleton.offsets), 2e-4)
-    yield g.Row(STAGE, f"{name}.bvh/root positions [cm]", g.max_error(ours.positions[:, 0], theirs.positions[:, 0]), 5e-4)
+    yield g.Row(
+        STAGE, f"{name}.bvh/offsets [cm]", g.max_error(ours.skeleton.offsets, theirs.skeleton.offsets), 2e-4
+    )
+    yield g.Row(
+        STAGE,
+        f"{name}.bvh/root positions [cm]",
+        g.max_error(ours.positions[:, 0], theirs.positions[:, 0]),
+        5e-4,
+    )
     turned = [np.asarray(quaternion.to_matrix(features.local_quaternions(clip))) for clip in (ours, theirs)]
     error = np.abs(turned[0] - turned[1]).max(axis=(-2, -1))
     locked = np.abs(np.cos(theirs.euler[..., 1])) < np.radians(2.0)

@@ -8,6 +8,7 @@ stage and the `first_*` rows, at the tolerances that the set gives for features.
 
 import jax.numpy as jnp
 import numpy as np
+
 from zeggs_jax.motion import bvh, features
 from zeggs_jax.motion.features import Motion
 

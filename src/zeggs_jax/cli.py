@@ -19,8 +19,12 @@ app = tyro.extras.SubcommandApp()
 
 
 @app.command
-def demo(out: Out = Path("demo"), styles: tuple[str, ...] = ("neutral", "happy", "angry", "old", "sad", "oration"),
-         speech: Path | None = None, seed: int = 1234) -> None:
+def demo(
+    out: Out = Path("demo"),
+    styles: tuple[str, ...] = ("neutral", "happy", "angry", "old", "sad", "oration"),
+    speech: Path | None = None,
+    seed: int = 1234,
+) -> None:
     """Make one speech gesture in several styles: BVH and WAV files and one page, index.html, to watch them.
 
     Args:
@@ -76,7 +80,8 @@ def generate(
         seed: The same seed gives the same file.
         html: Also write a page that plays the body with its speech.
         checkpoint: A model of your own, from 'zeggs train' or 'zeggs convert'.
-        csv: Make many at once; columns audio, style, file_name and so on (see docs).
+        csv: Make many at once from a table with the columns audio, style, file_name, temperature, seed, frames ("A B"),
+            first_pose, base_path, generate (all but audio may be left out).
     """
     from .stage import player
     from .zeroeggs import generate as g
@@ -109,7 +114,9 @@ def generate(
 
 
 @app.command
-def embed(clips: Positional[tuple[str, ...]], /, *, out: Out, frames: Ranges = (), checkpoint: Path | None = None) -> None:
+def embed(
+    clips: Positional[tuple[str, ...]], /, *, out: Out, frames: Ranges = (), checkpoint: Path | None = None
+) -> None:
     """Encode style clips and save their embeddings, to generate from later.
 
     Args:
@@ -139,7 +146,9 @@ def styles() -> None:
 
 
 @app.command
-def prepare(corpus: Positional[Path], /, *, out: Out, as_released: bool = False, rate: float | None = None) -> None:
+def prepare(
+    corpus: Positional[Path], /, *, out: Out, as_released: bool = False, rate: float | None = None
+) -> None:
     """Turn a folder of BVH and WAV pairs into the arrays that training reads.
 
     Args:
@@ -155,7 +164,9 @@ def prepare(corpus: Positional[Path], /, *, out: Out, as_released: bool = False,
 
 
 @app.command
-def train(corpus: Positional[Path], /, *, out: Out, config: Path | None = None, steps: int | None = None) -> None:
+def train(
+    corpus: Positional[Path], /, *, out: Out, config: Path | None = None, steps: int | None = None
+) -> None:
     """Train a model on a corpus; run the same command again to go on where it stopped.
 
     Args:
@@ -191,14 +202,18 @@ def convert(
     if to_torch is not None:
         release_files.export(to_torch, out)
     elif networks is None or processed is None:
-        raise ValueError("convert needs --networks and --processed, or --to-torch; see 'zeggs convert --help'.")
+        raise ValueError(
+            "convert needs --networks and --processed, or --to-torch; see 'zeggs convert --help'."
+        )
     else:
         release_files.convert(networks, processed, out)
     print(f"wrote {out}")
 
 
 @app.command
-def view(clips: Positional[tuple[Path, ...]], /, *, out: Out = Path("view.html"), speech: Path | None = None) -> None:
+def view(
+    clips: Positional[tuple[Path, ...]], /, *, out: Out = Path("view.html"), speech: Path | None = None
+) -> None:
     """Write a page that plays BVH clips side by side, with a speech if one is given.
 
     Args:
@@ -232,14 +247,18 @@ def _prepare_folder(folder: Path) -> None:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise ValueError(f"cannot write to folder '{folder}' ({error.strerror}); name another one.") from error
+        raise ValueError(
+            f"cannot write to folder '{folder}' ({error.strerror}); name another one."
+        ) from error
 
 
 def main() -> None:
     """Runs the command line; bad input ends in one sentence on stderr and exit status 2."""
     try:
-        app.cli(prog="zeggs", description="Speech in, a moving body out, in a style you choose.",
-                )
+        app.cli(
+            prog="zeggs",
+            description="Speech in, a moving body out, in a style you choose.",
+        )
     except KeyboardInterrupt:
         sys.exit(130)
     except (ValueError, OSError) as error:

@@ -2,17 +2,24 @@
 
 import json
 
+import jax
 import numpy as np
 import pytest
+
 from zeggs_jax.data import scale
 from zeggs_jax.motion import bvh, edit, features, pose
 from zeggs_jax.speech import wav
 from zeggs_jax.synthetic import corpus
 from zeggs_jax.zeroeggs import batch, examples, style_space
 from zeggs_jax.zeroeggs import generate as g
-from zeggs_jax.zeroeggs.model import DecoderConfig, Model, SpeechEncoderConfig, StyleEncoderConfig, ZeroEggsConfig, init
-
-import jax
+from zeggs_jax.zeroeggs.model import (
+    DecoderConfig,
+    Model,
+    SpeechEncoderConfig,
+    StyleEncoderConfig,
+    ZeroEggsConfig,
+    init,
+)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +47,9 @@ def model(folder):
         style=StyleEncoderConfig(hidden=16, size=8),
         decoder=DecoderConfig(hidden=16),
     )
-    return Model(config, init(jax.random.key(0), config), scale.fit([speech], [vectors], [gaze], 75), clip.skeleton)
+    return Model(
+        config, init(jax.random.key(0), config), scale.fit([speech], [vectors], [gaze], 75), clip.skeleton
+    )
 
 
 def ask(folder, *styles, **settings):
@@ -56,7 +65,10 @@ def test_frames_follow_rate_and_duration(folder, model):
 def test_same_seed_same_bytes_other_seed_other_motion(folder, model, tmp_path):
     texts = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        path = g.save(tmp_path / f"{name}.bvh", g.generate(folder / "speech.wav", ask(folder, "old", seed=seed), model=model))
+        path = g.save(
+            tmp_path / f"{name}.bvh",
+            g.generate(folder / "speech.wav", ask(folder, "old", seed=seed), model=model),
+        )
         texts.append(path.read_bytes())
     assert texts[0] == texts[1]
     assert texts[0] != texts[2]
@@ -64,7 +76,9 @@ def test_same_seed_same_bytes_other_seed_other_motion(folder, model, tmp_path):
 
 def test_temperature_zero_is_the_mean_whatever_the_seed(folder, model):
     styles = [
-        np.asarray(g.generate(folder / "speech.wav", ask(folder, "old", seed=s, temperature=0.0), model=model).style)
+        np.asarray(
+            g.generate(folder / "speech.wav", ask(folder, "old", seed=s, temperature=0.0), model=model).style
+        )
         for s in (1, 2)
     ]
     mean = np.asarray(examples.read(str(folder / "old.bvh"), model).style.mean)
@@ -75,7 +89,12 @@ def test_temperature_zero_is_the_mean_whatever_the_seed(folder, model):
 def test_higher_temperature_varies_more(folder, model):
     chosen = g.read_styles(ask(folder, "old"), model)
     spread = [
-        np.std([np.asarray(g.style_sequence(g.Request(styles=("x",), seed=s, temperature=t), chosen, 1)) for s in range(20)])
+        np.std(
+            [
+                np.asarray(g.style_sequence(g.Request(styles=("x",), seed=s, temperature=t), chosen, 1))
+                for s in range(20)
+            ]
+        )
         for t in (0.0, 0.5, 1.0, 2.0)
     ]
     assert spread[0] == pytest.approx(spread[0])
@@ -132,7 +151,10 @@ def test_an_embedding_saved_is_the_embedding_read(folder, model, tmp_path):
     examples.save(tmp_path / "old.npz", example, model)
     again = examples.read(str(tmp_path / "old.npz"), model)
     np.testing.assert_array_equal(again.style.mean, example.style.mean)
-    made = [g.generate(folder / "speech.wav", str(path), model=model).clip.euler for path in (folder / "old.bvh", tmp_path / "old.npz")]
+    made = [
+        g.generate(folder / "speech.wav", str(path), model=model).clip.euler
+        for path in (folder / "old.bvh", tmp_path / "old.npz")
+    ]
     np.testing.assert_array_equal(*made)
     other = model._replace(params=init(jax.random.key(9), model.config))
     with pytest.raises(ValueError, match=r"'old.npz' was made with another model"):
@@ -186,7 +208,9 @@ def test_a_table_makes_one_file_per_row(folder, model, tmp_path):
     )
     made = batch.generate_all(table, tmp_path, g.Request(), model)
     assert [path.name for path in made] == ["one.bvh", "audio_speech_label_happy.bvh"]
-    alone = ask(folder, "old", temperature=0.5, seed=3, frames=((5, 40),), first_pose=str(folder / "happy.bvh"))
+    alone = ask(
+        folder, "old", temperature=0.5, seed=3, frames=((5, 40),), first_pose=str(folder / "happy.bvh")
+    )
     expected = g.generate(folder / "speech.wav", alone, model=model)
     assert made[0].read_text() == bvh.format(expected.clip)
 

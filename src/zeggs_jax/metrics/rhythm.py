@@ -42,7 +42,9 @@ def agreement(
         ValueError: lengths differ, or the clip is too short to shift.
     """
     if len(speed) != len(energy):
-        raise ValueError(f"hand speed has {len(speed)} frames and speech {len(energy)}; cut them to one length.")
+        raise ValueError(
+            f"hand speed has {len(speed)} frames and speech {len(energy)}; cut them to one length."
+        )
     if len(speed) < 3 * MIN_SHIFT * rate_hz:
         raise ValueError(f"{len(speed)} frames are too few to shift by {MIN_SHIFT:g} s; use 3 s or more.")
     speed, energy = smooth(speed, rate_hz), smooth(energy, rate_hz)

@@ -9,7 +9,18 @@ from tqdm import tqdm
 from . import generate as g
 from .model import Model
 
-COLUMNS = ("base_path", "audio", "style", "file_name", "temperature", "seed", "use_gpu", "frames", "first_pose", "generate")
+COLUMNS = (
+    "base_path",
+    "audio",
+    "style",
+    "file_name",
+    "temperature",
+    "seed",
+    "use_gpu",
+    "frames",
+    "first_pose",
+    "generate",
+)
 IGNORED = ("use_gpu",)  # JAX picks the device
 
 
@@ -31,7 +42,9 @@ def read_table(path: Path, defaults: g.Request) -> list[Job]:
         ValueError, OSError: missing table, unknown column, row without audio, malformed number.
     """
     if not path.is_file():
-        raise FileNotFoundError(f"table '{path}' does not exist; give a .csv with the columns {', '.join(COLUMNS)}.")
+        raise FileNotFoundError(
+            f"table '{path}' does not exist; give a .csv with the columns {', '.join(COLUMNS)}."
+        )
     with path.open(newline="", encoding="utf-8-sig") as file:
         reader = csv.DictReader(file, skipinitialspace=True)
         unknown = [column for column in reader.fieldnames or () if column not in COLUMNS]
@@ -39,7 +52,11 @@ def read_table(path: Path, defaults: g.Request) -> list[Job]:
             wrong = f"column '{unknown[0]}'" if unknown else "no column 'audio'"
             raise ValueError(f"table '{path.name}' has {wrong}; the columns are {', '.join(COLUMNS)}.")
         rows = [{k: (v or "").strip() for k, v in row.items() if k} for row in reader]
-    wanted = [(n, row) for n, row in enumerate(rows, 2) if row.get("generate", "").lower() not in ("0", "false", "no")]
+    wanted = [
+        (n, row)
+        for n, row in enumerate(rows, 2)
+        if row.get("generate", "").lower() not in ("0", "false", "no")
+    ]
     if not wanted:
         raise ValueError(f"table '{path.name}' has no row to generate.")
     return [_job(row, f"line {n} of table '{path.name}'", path.parent, defaults) for n, row in wanted]

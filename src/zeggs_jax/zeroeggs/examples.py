@@ -54,7 +54,9 @@ def read(source: str | Path, model: Model, frames: Frames | None = None) -> Exam
         return load(path, model)
     if path.suffix == ".bvh" or path.exists():
         return read_clip(path, model, frames)
-    raise ValueError(_unknown(name, list(bundled()), "a bundled style, a .bvh clip or a saved .npz embedding"))
+    raise ValueError(
+        _unknown(name, list(bundled()), "a bundled style, a .bvh clip or a saved .npz embedding")
+    )
 
 
 def read_motion(path: Path, model: Model, frames: Frames | None = None) -> Motion:

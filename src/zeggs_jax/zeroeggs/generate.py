@@ -115,7 +115,9 @@ def style_sequence(request: Request, chosen: Sequence[Example], frames: int) -> 
     drawn = [sample_style(k, e.style, request.temperature) for k, e in zip(keys, chosen, strict=True)]
     embeddings = jnp.stack(drawn)
     if request.weights and request.spans:
-        raise ValueError("both weights and spans were given; weights blend, spans follow each other: give one.")
+        raise ValueError(
+            "both weights and spans were given; weights blend, spans follow each other: give one."
+        )
     if request.spans:
         shares = style_space.check_shares(request.spans, len(chosen), "spans")
         return style_space.stitch(embeddings, shares, frames)

@@ -23,7 +23,9 @@ def convert(networks: Path, processed: Path, out: Path) -> None:
     blobs = {name: _bytes(path) for name, path in pickles.items() if name != "style_encoder" or path.exists()}
     stats = _arrays(processed / "stats.npz")
     definition = _json(processed / "data_definition.json")
-    save_model(out, torch_weights.convert(blobs, stats, definition, _json(processed / "data_pipeline_conf.json")))
+    save_model(
+        out, torch_weights.convert(blobs, stats, definition, _json(processed / "data_pipeline_conf.json"))
+    )
 
 
 def export(checkpoint: Path, out: Path) -> None:
@@ -37,7 +39,9 @@ def export(checkpoint: Path, out: Path) -> None:
 
 def _bytes(path: Path) -> bytes:
     if not path.is_file():
-        raise FileNotFoundError(f"'{path}' does not exist; the folder must hold the release's networks and statistics.")
+        raise FileNotFoundError(
+            f"'{path}' does not exist; the folder must hold the release's networks and statistics."
+        )
     return path.read_bytes()
 
 
