@@ -1,6 +1,6 @@
 """Build the training corpus of the bundled model: our own voice, and TTS voices where their programs exist.
 
-    python experiments/make_corpus.py OUT --minutes 75 --processes 2
+    python experiments/make_corpus.py OUT --minutes 80 --processes 2
 
 espeak-ng and festival are asked for only here (Debian: espeak-ng festival festvox-kallpc16k festvox-kdlpc16k
 festvox-us-slt-hts); without them every clip is spoken by the package's own voice.
@@ -107,7 +107,7 @@ def main() -> None:
     """Plan the takes, write them in parallel, write the index."""
     parser = argparse.ArgumentParser(description="Build the training corpus of the bundled model.")
     parser.add_argument("out", type=Path)
-    parser.add_argument("--minutes", type=float, default=75.0, help="length of the corpus")
+    parser.add_argument("--minutes", type=float, default=80.0, help="length of the corpus")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument(

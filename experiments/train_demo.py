@@ -1,6 +1,6 @@
 """Train the bundled model on the synthetic corpus: small sizes, 30 frames a second, speech features of equal weight.
 
-    python experiments/make_corpus.py corpus --minutes 90
+    python experiments/make_corpus.py corpus --minutes 80
     python experiments/train_demo.py corpus -o runs/demo       # stop and run again to go on
     python experiments/bundle_demo.py runs/demo                # puts it into the package, with styles and speech
 

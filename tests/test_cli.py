@@ -74,9 +74,7 @@ def test_generate_writes_motion_provenance_and_page(zeggs, folder, tmp_path):
 def test_embed_then_generate_is_generate(zeggs, folder, tmp_path):
     assert zeggs("embed", "happy", "-o", tmp_path / "happy.npz")[0] == 0
     for style, name in (("happy", "a"), (tmp_path / "happy.npz", "b")):
-        assert (
-            zeggs("generate", folder / "speech.wav", "--style", style, "-o", tmp_path / f"{name}.bvh")[0] == 0
-        )
+        assert zeggs("generate", folder / "speech.wav", "--style", style, "-o", tmp_path / f"{name}.bvh")[0] == 0
     assert (tmp_path / "a.bvh").read_bytes() == (tmp_path / "b.bvh").read_bytes()
 
 
@@ -117,6 +115,7 @@ def test_convert_back_writes_plain_arrays(zeggs, tmp_path):
         (("{f}/speech.wav", "--checkpoint", "{f}"), "checkpoint"),
         (("{f}/speech.wav", "--checkpoint", "{f}/none"), "none"),
         (("--csv", "{f}/none.csv"), "none.csv"),
+        (("{f}/speech.wav", "--csv", "{f}/none.csv"), "leave SPEECH"),
     ],
 )
 def test_wrong_input_ends_in_one_sentence_and_no_file(zeggs, folder, tmp_path, words, sentence):
@@ -134,6 +133,19 @@ def test_a_folder_that_cannot_be_written_is_named_before_any_work(zeggs, folder)
     status, _, told = zeggs("generate", folder / "speech.wav", "-o", folder / "file" / "out.bvh")
     assert status == 2
     assert "cannot write to folder" in told
+
+
+def test_nothing_that_is_read_is_written_over(zeggs, folder):
+    for words in (
+        ("{f}/speech.wav", "-o", "{f}/speech.wav"),
+        ("{f}/speech.wav", "-s", "{f}/old.bvh", "-o", "{f}/old.bvh"),
+    ):
+        before = (folder / "speech.wav").read_bytes(), (folder / "old.bvh").read_bytes()
+        status, _, told = zeggs("generate", *(word.format(f=folder) for word in words))
+        assert status == 2
+        assert "would be written over" in told
+        assert before == ((folder / "speech.wav").read_bytes(), (folder / "old.bvh").read_bytes())
+    assert "is a folder" in zeggs("generate", folder / "speech.wav", "-o", folder)[2]
 
 
 def test_a_checkpoint_of_another_config_names_the_parameter(zeggs, folder, tmp_path):

@@ -4,6 +4,7 @@ import os
 import shutil
 import sys
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
@@ -38,13 +39,15 @@ def demo(
 
     _prepare_folder(out)
     model, speech = g.bundled_model(), speech or next(iter(g.bundled_speech().values()))
+    copy = out / f"speech{speech.suffix}"
+    _keep_inputs((copy, *(out / f"{_stem(style)}.bvh" for style in styles)), (str(speech), *styles))
     figures = []
     for style in tqdm(styles, desc="generating", unit="style"):
         gesture = g.generate(speech, g.Request(styles=(style,), seed=seed), model=model)
-        name = Path(style).stem
+        name = _stem(style)
         g.save(out / f"{name}.bvh", gesture)
         figures.append(player.Figure(name, gesture.clip, speech))
-    shutil.copyfile(speech, out / f"speech{speech.suffix}")
+    shutil.copyfile(speech, copy)
     player.write(out / "index.html", figures, title="One speech, several styles")
     print(f"wrote {len(figures)} BVH files, their speech and a page; open {out / 'index.html'}")
 
@@ -86,7 +89,10 @@ def generate(
     from .stage import player
     from .zeroeggs import generate as g
 
-    model = g.load_model(checkpoint) if checkpoint else g.bundled_model()
+    if csv is None and speech is None:
+        raise ValueError("no speech was given; name a recording, or a table of them with --csv.")
+    if csv is not None and (speech is not None or html is not None):
+        raise ValueError("--csv names the recordings itself; leave SPEECH and --html out.")
     request = g.Request(
         styles=style or ("neutral",),
         weights=weights,
@@ -96,16 +102,17 @@ def generate(
         temperature=temperature,
         seed=seed,
     )
+    outputs = () if csv else tuple(filter(None, (out, html)))
+    _keep_inputs(outputs, (str(speech), *request.styles, str(first_pose)))
+    for folder in (out,) if csv else (path.parent for path in outputs):
+        _prepare_folder(folder)
+    model = g.load_model(checkpoint) if checkpoint else g.bundled_model()
     if csv is not None:
         from .zeroeggs import batch
 
-        _prepare_folder(out)
-        batch.generate_all(csv, out, request, model)
+        print(f"wrote {len(batch.generate_all(csv, out, request, model))} files to {out}")
         return
-    if speech is None:
-        raise ValueError("no speech was given; name a recording, or a table of them with --csv.")
-    for path in filter(None, (out, html)):
-        _prepare_folder(path.parent)
+    assert speech is not None
     gesture = g.generate(speech, request, model=model)
     g.save(out, gesture)
     if html is not None:
@@ -147,7 +154,13 @@ def styles() -> None:
 
 @app.command
 def prepare(
-    corpus: Positional[Path], /, *, out: Out, as_released: bool = False, rate: float | None = None
+    corpus: Positional[Path],
+    /,
+    *,
+    out: Out,
+    as_released: bool = False,
+    rate: float | None = None,
+    speech_columns: bool = False,
 ) -> None:
     """Turn a folder of BVH and WAV pairs into the arrays that training reads.
 
@@ -156,17 +169,21 @@ def prepare(
         out: The folder to write to.
         as_released: Reproduce the release's data pipeline, its errors included.
         rate: Resample the motion to this many frames per second.
+        speech_columns: Give every speech feature a standard deviation of its own (the release has one for all).
     """
     from .data import prepare as data
+    from .data.corpus import find
 
+    find(corpus)
     _prepare_folder(out)
-    data.prepare(corpus, out, data.PrepareConfig(as_released=as_released, rate_hz=rate))
+    settings = data.PrepareConfig(as_released=as_released, rate_hz=rate, speech_columns=speech_columns)
+    made = data.prepare(corpus, out, settings)
+    minutes = len(made.pose) * made.frame_time / 60.0
+    print(f"wrote {out}: {len(made.names)} clips, {minutes:.1f} minutes, styles {', '.join(made.styles)}")
 
 
 @app.command
-def train(
-    corpus: Positional[Path], /, *, out: Out, config: Path | None = None, steps: int | None = None
-) -> None:
+def train(corpus: Positional[Path], /, *, out: Out, config: Path | None = None, steps: int | None = None) -> None:
     """Train a model on a corpus; run the same command again to go on where it stopped.
 
     Args:
@@ -181,7 +198,8 @@ def train(
     settings = t.read_config(config) if config else t.TrainConfig()
     if steps is not None:
         settings = replace(settings, steps=steps)
-    t.train(t.prepared(corpus, out), out, settings)
+    t.train(t.prepared(corpus, out, settings.speech_columns), out, settings)
+    print(f"trained {settings.steps} steps; use the model with 'zeggs generate SPEECH --checkpoint {out}'")
 
 
 @app.command
@@ -198,22 +216,20 @@ def convert(
     """
     from .zeroeggs import release_files
 
+    if to_torch is not None and (networks or processed):
+        raise ValueError("--to-torch writes a checkpoint back; leave --networks and --processed out.")
     _prepare_folder(out.parent)
     if to_torch is not None:
         release_files.export(to_torch, out)
     elif networks is None or processed is None:
-        raise ValueError(
-            "convert needs --networks and --processed, or --to-torch; see 'zeggs convert --help'."
-        )
+        raise ValueError("convert needs --networks and --processed, or --to-torch; see 'zeggs convert --help'.")
     else:
         release_files.convert(networks, processed, out)
     print(f"wrote {out}")
 
 
 @app.command
-def view(
-    clips: Positional[tuple[Path, ...]], /, *, out: Out = Path("view.html"), speech: Path | None = None
-) -> None:
+def view(clips: Positional[tuple[Path, ...]], /, *, out: Out = Path("view.html"), speech: Path | None = None) -> None:
     """Write a page that plays BVH clips side by side, with a speech if one is given.
 
     Args:
@@ -247,19 +263,31 @@ def _prepare_folder(folder: Path) -> None:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise ValueError(
-            f"cannot write to folder '{folder}' ({error.strerror}); name another one."
-        ) from error
+        raise ValueError(f"cannot write to folder '{folder}' ({error.strerror}); name another one.") from error
+
+
+def _keep_inputs(outputs: tuple[Path, ...], inputs: tuple[str, ...]) -> None:
+    """Refuses to write over what is read, over a folder, or twice to one place."""
+    read = {Path(name).resolve() for name in inputs}
+    for number, path in enumerate(outputs):
+        if path.resolve() in read or path.resolve() in {other.resolve() for other in outputs[:number]}:
+            raise ValueError(f"'{path}' would be written over; give the output another name.")
+        if path.is_dir():
+            raise ValueError(f"'{path}' is a folder; give the name of a file.")
 
 
 def main() -> None:
     """Runs the command line; bad input ends in one sentence on stderr and exit status 2."""
+    if sys.argv[1:] == ["--version"]:
+        print(f"zeggs-jax {version('zeggs-jax')}")
+        return
     try:
         app.cli(
             prog="zeggs",
             description="Speech in, a moving body out, in a style you choose.",
         )
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
+        print(f"zeggs: {str(stop) or 'stopped'}.", file=sys.stderr)
         sys.exit(130)
     except (ValueError, OSError) as error:
         if os.environ.get("ZEGGS_DEBUG"):

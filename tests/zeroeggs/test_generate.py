@@ -11,6 +11,7 @@ from zeggs_jax.motion import bvh, edit, features, pose
 from zeggs_jax.speech import wav
 from zeggs_jax.synthetic import corpus
 from zeggs_jax.zeroeggs import batch, examples, style_space
+from zeggs_jax.zeroeggs.checkpoints import digest
 from zeggs_jax.zeroeggs import generate as g
 from zeggs_jax.zeroeggs.model import (
     DecoderConfig,
@@ -47,9 +48,7 @@ def model(folder):
         style=StyleEncoderConfig(hidden=16, size=8),
         decoder=DecoderConfig(hidden=16),
     )
-    return Model(
-        config, init(jax.random.key(0), config), scale.fit([speech], [vectors], [gaze], 75), clip.skeleton
-    )
+    return Model(config, init(jax.random.key(0), config), scale.fit([speech], [vectors], [gaze], 75), clip.skeleton)
 
 
 def ask(folder, *styles, **settings):
@@ -76,9 +75,7 @@ def test_same_seed_same_bytes_other_seed_other_motion(folder, model, tmp_path):
 
 def test_temperature_zero_is_the_mean_whatever_the_seed(folder, model):
     styles = [
-        np.asarray(
-            g.generate(folder / "speech.wav", ask(folder, "old", seed=s, temperature=0.0), model=model).style
-        )
+        np.asarray(g.generate(folder / "speech.wav", ask(folder, "old", seed=s, temperature=0.0), model=model).style)
         for s in (1, 2)
     ]
     mean = np.asarray(examples.read(str(folder / "old.bvh"), model).style.mean)
@@ -180,6 +177,9 @@ def test_provenance_lies_beside_the_motion(folder, model, tmp_path):
         (lambda f: ask(f, "old", frames=((0, 999),)), "not in the clip, which has frames 0:60"),
         (lambda f: ask(f, "old", frames=((0, 3),)), "3 frames"),
         (lambda f: ask(f, "old", temperature=-1.0), "temperature is -1"),
+        (lambda f: ask(f, "old", temperature=float("inf")), "temperature is inf"),
+        (lambda f: ask(f, "old", seed=-1), "seed is -1"),
+        (lambda f: ask(f, "old", "happy", spans=(1.5, -0.5)), "from 0 to 1"),
         (lambda f: g.Request(styles=("hapy",)), "unknown style 'hapy'"),
         (lambda f: g.Request(styles=("missing.bvh",)), "missing.bvh"),
         (lambda f: g.Request(styles=()), "no style was given"),
@@ -188,6 +188,29 @@ def test_provenance_lies_beside_the_motion(folder, model, tmp_path):
 def test_wrong_requests_get_one_sentence(folder, model, request_of, sentence):
     with pytest.raises((ValueError, OSError), match=sentence):
         g.generate(folder / "speech.wav", request_of(folder), model=model)
+
+
+def test_the_digest_knows_parameters_scales_and_skeleton(model):
+    other = model._replace(
+        scales=model.scales._replace(speech=scale.Scale(model.scales.speech.mean + 1.0, model.scales.speech.std))
+    )
+    assert digest(model) == digest(model._replace(params=dict(model.params)))
+    assert digest(model) != digest(other)
+
+
+@pytest.mark.parametrize(
+    "speech", [np.zeros((10, 2), np.float32), np.full(9000, np.nan, np.float32), np.zeros(3, np.float32)]
+)
+def test_speech_that_is_none_is_refused(folder, model, speech):
+    with pytest.raises(ValueError, match=r"finite samples|shorter than one frame"):
+        g.generate(speech, ask(folder, "old"), model=model)
+
+
+def test_motion_is_written_only_under_a_name_for_motion(folder, model, tmp_path):
+    gesture = g.generate(folder / "speech.wav", ask(folder, "old"), model=model)
+    with pytest.raises(ValueError, match=r"ends in .bvh"):
+        g.save(tmp_path / "out.json", gesture)
+    assert not list(tmp_path.iterdir())
 
 
 def test_another_skeleton_is_named(folder, model, tmp_path):
@@ -208,9 +231,7 @@ def test_a_table_makes_one_file_per_row(folder, model, tmp_path):
     )
     made = batch.generate_all(table, tmp_path, g.Request(), model)
     assert [path.name for path in made] == ["one.bvh", "audio_speech_label_happy.bvh"]
-    alone = ask(
-        folder, "old", temperature=0.5, seed=3, frames=((5, 40),), first_pose=str(folder / "happy.bvh")
-    )
+    alone = ask(folder, "old", temperature=0.5, seed=3, frames=((5, 40),), first_pose=str(folder / "happy.bvh"))
     expected = g.generate(folder / "speech.wav", alone, model=model)
     assert made[0].read_text() == bvh.format(expected.clip)
 
@@ -224,9 +245,12 @@ def test_a_table_makes_one_file_per_row(folder, model, tmp_path):
         ("audio,seed\nspeech.wav,x\n", "malformed number"),
         ("audio,generate\nspeech.wav,0\n", "no row to generate"),
         ("audio,file_name\nspeech.wav,a\nspeech.wav,a\n", "'a.bvh' twice"),
+        ("audio,style\nmissing.wav,old\n", "line 2.*missing.wav"),
+        ("audio,style\nspeech.wav,missing.bvh\n", "line 2.*missing.bvh"),
     ],
 )
 def test_wrong_tables_get_one_sentence(folder, model, tmp_path, text, sentence):
     (tmp_path / "t.csv").write_text(text)
-    with pytest.raises(ValueError, match=sentence):
+    (tmp_path / "speech.wav").touch()
+    with pytest.raises((ValueError, OSError), match=sentence):
         batch.generate_all(tmp_path / "t.csv", tmp_path, g.Request(), model)

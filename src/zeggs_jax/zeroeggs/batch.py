@@ -30,6 +30,7 @@ class Job(NamedTuple):
     speech: Path
     request: g.Request
     file_name: str
+    where: str  # "line 3 of table 'x.csv'"
 
 
 def read_table(path: Path, defaults: g.Request) -> list[Job]:
@@ -42,21 +43,21 @@ def read_table(path: Path, defaults: g.Request) -> list[Job]:
         ValueError, OSError: missing table, unknown column, row without audio, malformed number.
     """
     if not path.is_file():
-        raise FileNotFoundError(
-            f"table '{path}' does not exist; give a .csv with the columns {', '.join(COLUMNS)}."
-        )
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file, skipinitialspace=True)
-        unknown = [column for column in reader.fieldnames or () if column not in COLUMNS]
-        if unknown or "audio" not in (reader.fieldnames or ()):
-            wrong = f"column '{unknown[0]}'" if unknown else "no column 'audio'"
-            raise ValueError(f"table '{path.name}' has {wrong}; the columns are {', '.join(COLUMNS)}.")
-        rows = [{k: (v or "").strip() for k, v in row.items() if k} for row in reader]
-    wanted = [
-        (n, row)
-        for n, row in enumerate(rows, 2)
-        if row.get("generate", "").lower() not in ("0", "false", "no")
-    ]
+        raise FileNotFoundError(f"table '{path}' does not exist; give a .csv with the columns {', '.join(COLUMNS)}.")
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file, skipinitialspace=True)
+            columns = list(reader.fieldnames or ())
+            rows = [{k: (v or "").strip() for k, v in row.items() if k} for row in reader]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(
+            f"table '{path.name}' is not comma-separated text in UTF-8; save it as CSV (UTF-8)."
+        ) from error
+    unknown = [column for column in columns if column not in COLUMNS]
+    if unknown or "audio" not in columns:
+        wrong = f"column '{unknown[0]}'" if unknown else "no column 'audio'"
+        raise ValueError(f"table '{path.name}' has {wrong}; the columns are {', '.join(COLUMNS)}.")
+    wanted = [(n, row) for n, row in enumerate(rows, 2) if row.get("generate", "").lower() not in ("0", "false", "no")]
     if not wanted:
         raise ValueError(f"table '{path.name}' has no row to generate.")
     return [_job(row, f"line {n} of table '{path.name}'", path.parent, defaults) for n, row in wanted]
@@ -85,14 +86,21 @@ def _job(row: dict[str, str], where: str, folder: Path, defaults: g.Request) -> 
         seed=seed,
     )
     name = row.get("file_name") or f"audio_{audio.stem}_label_{Path(style[0]).stem}"
-    return Job(audio, request, Path(_slashes(name)).name.removesuffix(".bvh"))
+    named = [audio, *(Path(s) for s in style if _is_file(s)), *map(Path, filter(None, (request.first_pose,)))]
+    for file in named:
+        if not file.is_file():
+            raise FileNotFoundError(f"{where}: file '{file}' does not exist; paths start from base_path.")
+    return Job(audio, request, Path(_slashes(name)).name.removesuffix(".bvh"), where)
 
 
 def _style(cell: str, base: Path, defaults: g.Request) -> tuple[str, ...]:
     if not cell:
         return defaults.styles
-    is_file = cell.lower().endswith((".bvh", ".npz"))
-    return (str(base / _slashes(cell)) if is_file else cell,)
+    return (str(base / _slashes(cell)) if _is_file(cell) else cell,)
+
+
+def _is_file(style: str) -> bool:
+    return style.lower().endswith((".bvh", ".npz"))
 
 
 def _slashes(text: str) -> str:
@@ -106,7 +114,11 @@ def generate_all(table: Path, out: Path, defaults: g.Request, model: Model) -> l
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise ValueError(f"table '{table.name}' writes '{twice}.bvh' twice; give each row its own file_name.")
-    return [
-        g.save(out / f"{job.file_name}.bvh", g.generate(job.speech, job.request, model=model))
-        for job in tqdm(jobs, desc="generating", unit="clip")
-    ]
+    return [_generate(job, out, model) for job in tqdm(jobs, desc="generating", unit="clip")]
+
+
+def _generate(job: Job, out: Path, model: Model) -> Path:
+    try:
+        return g.save(out / f"{job.file_name}.bvh", g.generate(job.speech, job.request, model=model))
+    except ValueError as error:
+        raise ValueError(f"{job.where}: {error}") from error

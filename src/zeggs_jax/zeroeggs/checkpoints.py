@@ -44,6 +44,13 @@ def load_model(path: str | Path) -> Model:
     return Model(config, params, scales, skeleton)
 
 
+def digest(model: Model) -> str:
+    """SHA-256 (hex) of all that a model is: parameters, scales, config and skeleton; the same wherever it lies."""
+    arrays = checkpoint.tree_digest({"params": model.params, "scales": model.scales._asdict()})
+    described = json.dumps(describe(model.config, model.skeleton), sort_keys=True)
+    return hashlib.sha256((arrays + described).encode()).hexdigest()
+
+
 def newest(path: str | Path) -> Path:
     """`path` itself, or the newest checkpoint of the training run there."""
     path = Path(path)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..motion import bvh, edit, features, pose
 from ..motion.features import Motion
-from ..training import checkpoint
+from .checkpoints import digest
 from .model import Model, StyleDistribution, encode_style
 
 Frames = tuple[int, int]
@@ -54,21 +54,23 @@ def read(source: str | Path, model: Model, frames: Frames | None = None) -> Exam
         return load(path, model)
     if path.suffix == ".bvh" or path.exists():
         return read_clip(path, model, frames)
-    raise ValueError(
-        _unknown(name, list(bundled()), "a bundled style, a .bvh clip or a saved .npz embedding")
-    )
+    raise ValueError(_unknown(name, list(bundled()), "a bundled style, a .bvh clip or a saved .npz embedding"))
 
 
-def read_motion(path: Path, model: Model, frames: Frames | None = None) -> Motion:
-    """The motion features of a BVH clip, cut to `frames`, at the model's frame rate."""
+def read_motion(path: Path, model: Model, frames: Frames | None = None, what: str = "style example") -> Motion:
+    """The motion features of a BVH clip, cut to `frames`, at the model's frame rate; errors say `what` it is."""
     clip = bvh.read(path)
-    if frames is not None:
-        clip = edit.trim(clip, *frames)
-    clip = edit.fit(clip, model.skeleton, f"style example '{path.name}'")
-    rate = bvh.rate_hz(model.config.frame_time)
-    if bvh.rate_hz(clip.frame_time) != rate:
-        clip = edit.resample(clip, rate)
-    return features.encode(clip)
+    try:
+        if frames is not None:
+            clip = edit.trim(clip, *frames)
+        clip = edit.fit(clip, model.skeleton, f"{what} '{path.name}'")
+        rate = bvh.rate_hz(model.config.frame_time)
+        if bvh.rate_hz(clip.frame_time) != rate:
+            clip = edit.resample(clip, rate)
+        return features.encode(clip)
+    except ValueError as error:
+        told = str(error)
+        raise ValueError(told if path.name in told else f"{what} '{path.name}': {told}") from error
 
 
 def read_clip(path: Path, model: Model, frames: Frames | None = None) -> Example:
@@ -94,8 +96,9 @@ def _read_label(name: str, model: Model, frames: Frames | None) -> Example:
 
 
 def _unknown(name: str, known: list[str], expected: str) -> str:
-    near = difflib.get_close_matches(name.lower(), [k.lower() for k in known], n=3, cutoff=0.4)
-    offered = [k for k in known if k.lower() in near] or known
+    spelled = {k.lower(): k for k in known}
+    near = difflib.get_close_matches(name.lower(), spelled, n=3, cutoff=0.4)
+    offered = [spelled[k] for k in near] or known
     return f"unknown style '{name}': expected {expected}; nearest: {', '.join(offered)}."
 
 
@@ -110,7 +113,7 @@ def save(path: Path, example: Example, model: Model) -> None:
         np.savez(
             file,
             name=example.name,
-            model=checkpoint.tree_digest(model.params),
+            model=digest(model),
             mean=np.asarray(example.style.mean),
             log_var=np.asarray(log_var, np.float32),
             gaze=np.asarray(example.start.gaze),
@@ -133,8 +136,8 @@ def load(path: Path, model: Model) -> Example:
         log_var = jnp.asarray(saved["log_var"]) if saved["log_var"].size else None
         style = StyleDistribution(jnp.asarray(saved["mean"]), log_var)
         name, owner, gaze = str(saved["name"]), str(saved["model"]), jnp.asarray(saved["gaze"])
-    except (KeyError, ValueError, OSError, zipfile.BadZipFile) as error:
+    except (KeyError, ValueError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"'{path}' is not a saved style embedding; make one with 'zeggs embed'.") from error
-    if owner != checkpoint.tree_digest(model.params):
+    if owner != digest(model):
         raise ValueError(f"embedding '{path.name}' was made with another model; embed its clip again.")
     return Example(name, style, Motion(jax.tree.map(lambda x: x[None], start), gaze))

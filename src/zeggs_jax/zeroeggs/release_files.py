@@ -23,9 +23,7 @@ def convert(networks: Path, processed: Path, out: Path) -> None:
     blobs = {name: _bytes(path) for name, path in pickles.items() if name != "style_encoder" or path.exists()}
     stats = _arrays(processed / "stats.npz")
     definition = _json(processed / "data_definition.json")
-    save_model(
-        out, torch_weights.convert(blobs, stats, definition, _json(processed / "data_pipeline_conf.json"))
-    )
+    save_model(out, torch_weights.convert(blobs, stats, definition, _json(processed / "data_pipeline_conf.json")))
 
 
 def export(checkpoint: Path, out: Path) -> None:
@@ -39,9 +37,7 @@ def export(checkpoint: Path, out: Path) -> None:
 
 def _bytes(path: Path) -> bytes:
     if not path.is_file():
-        raise FileNotFoundError(
-            f"'{path}' does not exist; the folder must hold the release's networks and statistics."
-        )
+        raise FileNotFoundError(f"'{path}' does not exist; the folder must hold the release's networks and statistics.")
     return path.read_bytes()
 
 
@@ -57,5 +53,5 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             return {key: archive[key] for key in archive.files}
-    except (ValueError, OSError, zipfile.BadZipFile) as error:
-        raise ValueError(f"'{path}' is not a readable .npz ({error}); take a fresh copy of it.") from error
+    except (ValueError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"'{path}' is not a readable .npz of plain arrays; take a fresh copy of it.") from error
