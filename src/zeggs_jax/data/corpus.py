@@ -45,10 +45,10 @@ def find(folder: str | Path) -> list[Entry]:
     file, ValueError for a folder without pairs or a table that does not read.
     """
     folder = Path(folder)
+    if folder.is_file():
+        raise FileNotFoundError(f"Corpus '{folder}' is a file; a folder with name.bvh + name.wav was expected.")
     if not folder.is_dir():
-        raise FileNotFoundError(
-            f"Corpus folder '{folder}' does not exist; give one with name.bvh + name.wav."
-        )
+        raise FileNotFoundError(f"Corpus folder '{folder}' does not exist; give one with name.bvh + name.wav.")
     if (folder / "info.csv").exists():
         entries = _released(folder)
     elif (folder / "corpus.csv").exists():
@@ -81,8 +81,7 @@ def _released(folder: Path) -> list[Entry]:
 def _sync(table: Path, row: dict[str, str], regions: Path) -> Sync:
     """Time codes are HH:MM:SS:FF, with 30 frames a second for the audio start and 60 for the others."""
     audio, motion, start, stop = (
-        _timecode_s(table, row[column], 30 if column.startswith("audio") else 60)
-        for column in RELEASE_COLUMNS[1:5]
+        _timecode_s(table, row[column], 30 if column.startswith("audio") else 60) for column in RELEASE_COLUMNS[1:5]
     )
     if start < audio or start < motion or stop <= start:
         raise ValueError(f"'{table}' lets '{row['anim_bvh']}' act outside its recording; check the times.")
@@ -162,10 +161,10 @@ def _rows(table: Path, columns: Iterable[str]) -> list[dict[str, str]]:
     try:
         with table.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file, skipinitialspace=True)
-            rows = list(reader)
+            rows, names = list(reader), reader.fieldnames or ()
     except (UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"'{table}' is not a CSV file ({error}); save it as UTF-8 text.") from error
-    absent = [column for column in columns if column not in (reader.fieldnames or ())]
+    absent = [column for column in columns if column not in names]
     if absent:
         raise ValueError(f"'{table}' has no column '{absent[0]}'; it needs {', '.join(columns)}.")
     for number, row in enumerate(rows, start=2):
@@ -177,6 +176,4 @@ def _rows(table: Path, columns: Iterable[str]) -> list[dict[str, str]]:
 def _require(*paths: Path, listed_in: Path) -> None:
     for path in paths:
         if not path.exists():
-            raise FileNotFoundError(
-                f"'{path}' does not exist but '{listed_in}' lists it; add it or drop the line."
-            )
+            raise FileNotFoundError(f"'{path}' does not exist but '{listed_in}' lists it; add it or drop the line.")
