@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from zeggs_jax.data import corpus, scale
 from zeggs_jax.data.prepared import ARRAYS, FORMAT, MANIFEST, SCALES, Prepared, load, skeleton_to_json
-from zeggs_jax.data.takes import Take, takes
+from zeggs_jax.data.takes import Take, naming, takes
 from zeggs_jax.motion import bvh, features
 from zeggs_jax.motion.pose import Root, gaze_direction, to_vector
 from zeggs_jax.speech import features as speech_features
@@ -95,10 +95,13 @@ def save_trimmed(folder: Path, take: Take) -> None:
 
 def _rows(take: Take, config: PrepareConfig) -> tuple[dict[str, np.ndarray], Float32[np.ndarray, "3"]]:
     """One row of each array for every frame of a clip, and the point it looks at (world, cm)."""
-    motion = features.encode(take.clip)
+    with naming(take.entry.bvh):
+        motion = features.encode(take.clip)
     frames, rate_hz = len(take.clip.euler), bvh.rate_hz(take.clip.frame_time)
+    with naming(take.entry.wav):
+        speech = speech_features.extract(take.wave, frames, rate_hz, config.speech, config.as_released)
     rows = {
-        "speech": speech_features.extract(take.wave, frames, rate_hz, config.speech, config.as_released),
+        "speech": speech,
         "pose": np.asarray(to_vector(motion.pose)),
         "root_pos": np.asarray(motion.pose.root.pos),
         "root_rot": np.asarray(motion.pose.root.rot),

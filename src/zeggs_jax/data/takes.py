@@ -1,6 +1,8 @@
 """One entry of a corpus -> its training clips: silenced, trimmed, paced, centred, of one length."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -34,22 +36,34 @@ def takes(
     """
     clip, wave = _synchronised(entry)
     if rate_hz is not None and rate_hz != bvh.rate_hz(clip.frame_time):
-        clip = edit.resample(clip, rate_hz)
+        with naming(entry.bvh):
+            clip = edit.resample(clip, rate_hz)
     if not as_released:
         clip, wave = _same_length(entry, clip, wave)
     if len(clip.euler) < MIN_FRAMES:
-        raise ValueError(
-            f"'{entry.bvh}' has {len(clip.euler)} usable frames, {MIN_FRAMES} are needed; leave it out."
-        )
+        raise ValueError(f"'{entry.bvh}' has {len(clip.euler)} usable frames, {MIN_FRAMES} are needed; leave it out.")
     for factor in pace:
         name, paced, paced_wave = entry.name, clip, wave
         if factor != 1.0:
-            paced, paced_wave = edit.retime(clip, factor), wav.retime(wave, factor).astype(np.float32)
+            with naming(entry.bvh):
+                paced = edit.retime(clip, factor)
+            with naming(entry.wav):
+                paced_wave = wav.retime(wave, factor).astype(np.float32)
         if len(pace) > 1:
             name = f"{entry.name}_x_" + str(float(factor)).replace(".", "_")
         if centre:
-            paced = edit.centre(paced, as_released=as_released)
+            with naming(entry.bvh):
+                paced = edit.centre(paced, as_released=as_released)
         yield Take(name, entry, paced, paced_wave)
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Puts the file's name in front of a ValueError raised inside."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"'{path}': {error}") from error
 
 
 def _synchronised(entry: Entry) -> tuple[bvh.Clip, np.ndarray]:
@@ -64,10 +78,9 @@ def _synchronised(entry: Entry) -> tuple[bvh.Clip, np.ndarray]:
     start, stop = (round(time * wav.RATE_HZ) for time in entry.sync.audio_s)
     first, last = (round(time * bvh.rate_hz(clip.frame_time)) for time in entry.sync.motion_s)
     if first >= len(clip.euler) or start >= len(wave):
-        raise ValueError(
-            f"'{entry.name}' starts to act after its recording ends; check its time codes in info.csv."
-        )
-    return edit.trim(clip, first, min(last, len(clip.euler))), wave[start:stop]
+        raise ValueError(f"'{entry.name}' starts to act after its recording ends; check its time codes in info.csv.")
+    with naming(entry.bvh):
+        return edit.trim(clip, first, min(last, len(clip.euler))), wave[start:stop]
 
 
 def _same_length(entry: Entry, clip: bvh.Clip, wave: np.ndarray) -> tuple[bvh.Clip, np.ndarray]:
@@ -81,4 +94,5 @@ def _same_length(entry: Entry, clip: bvh.Clip, wave: np.ndarray) -> tuple[bvh.Cl
         )
     frames = min(len(clip.euler), features.frame_count(len(wave), rate_hz))
     samples = min(len(wave), round(frames / rate_hz * wav.RATE_HZ))
-    return edit.trim(clip, 0, frames), wave[:samples]
+    with naming(entry.bvh):
+        return edit.trim(clip, 0, frames), wave[:samples]
