@@ -39,6 +39,13 @@ class ZeroEggsConfig:
             for name, value in vars(part).items():
                 if type(value) is int and value < 1:
                     raise ValueError(f"{type(part).__name__}.{name} is {value}; sizes are at least 1.")
+        for name, dropout in (
+            ("SpeechEncoderConfig.dropout", self.speech.dropout),
+            ("StyleEncoderConfig.dropout", self.style.dropout),
+            ("StyleEncoderConfig.block_dropout", self.style.block_dropout),
+        ):
+            if not 0 <= dropout < 1:
+                raise ValueError(f"{name} is {dropout}; it must be at least 0 and below 1.")
         if self.speech.kernel % 2 == 0:
             raise ValueError(f"SpeechEncoderConfig.kernel is {self.speech.kernel}; it must be odd.")
         width, heads = self.style.outputs, self.style.heads
@@ -92,6 +99,8 @@ def _read(hint: Any, value: Any, where: str) -> Any:
             return value
         raise ValueError(f"{where} is {value!r}; expected one of {', '.join(map(repr, arguments))}.")
     if origin is tuple and isinstance(value, list | tuple):
+        if Ellipsis not in arguments and len(value) != len(arguments):
+            raise ValueError(f"{where} has {len(value)} values; expected {len(arguments)}.")
         return tuple(_read(arguments[0], item, f"{where}[{i}]") for i, item in enumerate(value))
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
