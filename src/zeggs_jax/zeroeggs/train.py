@@ -7,6 +7,7 @@ The same call on the same folder goes on from there, with the numbers of a run t
 import dataclasses
 import hashlib
 import json
+import math
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -14,8 +15,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
+from ..data import corpus as corpora
 from ..data import prepare as preparation
 from ..data import windows
 from ..data.prepared import Prepared, load
@@ -50,6 +53,19 @@ class TrainConfig:
     log_every: int = 10
     checkpoint_every: int = 5000
     keep: int = 3
+    speech_columns: bool = False  # a std for every speech feature; used when the corpus still has to be prepared
+
+    def __post_init__(self) -> None:
+        for name, low in (("steps", 0), ("log_every", 1), ("checkpoint_every", 1), ("keep", 1)):
+            if getattr(self, name) < low:
+                raise ValueError(f"{name} is {getattr(self, name)}; it must be at least {low}.")
+        if not 0 <= self.seed < 2**32:
+            raise ValueError(f"seed is {self.seed}; it must be at least 0 and below 2**32.")
+        for name in ("learning_rate", "eps"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} is {getattr(self, name)}; it must be above 0 and finite.")
+        if not 0 < self.decay <= 1:
+            raise ValueError(f"decay is {self.decay}; it must be above 0 and at most 1.")
 
 
 class Draws(NamedTuple):
@@ -92,9 +108,7 @@ def clip_loss(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tu
     return terms, losses.kl(style)
 
 
-def batch_loss(
-    params: Params, batch: Batch, draws: Draws, step: Array, setting: Setting
-) -> tuple[Array, Metrics]:
+def batch_loss(params: Params, batch: Batch, draws: Draws, step: ArrayLike, setting: Setting) -> tuple[Array, Metrics]:
     """ZeroEGGS Eq. 2 over a batch, and its terms with their weights; `step` counts the updates done before."""
     config = setting.config
     terms, divergence = jax.vmap(partial(clip_loss, setting=setting), in_axes=(None, 0, 0))(params, batch, draws)
@@ -160,14 +174,46 @@ def read_config(path: str | Path) -> TrainConfig:
         raise ValueError(f"'{path}' is not JSON ({error}); write the settings as one JSON object.") from error
 
 
-def prepared(corpus: str | Path, out: str | Path) -> Path:
-    """The folder of arrays to train on: `corpus` if it is prepared, else OUT/prepared, made if need be."""
+def prepared(corpus: str | Path, out: str | Path, speech_columns: bool = False) -> Path:
+    """The folder of arrays to train on: `corpus` if it is prepared, else OUT/prepared, made if need be.
+
+    OUT/prepared/source.json keeps what it was made from. ValueError when that is another corpus, files that have
+    changed since, or arrays made with the other `speech_columns`; and all errors of data/prepare.py.
+    """
     corpus, folder = Path(corpus), Path(out) / "prepared"
+    manifest, note = folder / "manifest.json", folder / "source.json"
     if (corpus / "manifest.json").exists():
         return corpus
-    if not (folder / "manifest.json").exists():
-        preparation.prepare(corpus, folder)
+    source = _source(corpus)
+    if not manifest.exists():
+        _write_json(note, source)  # before the manifest: arrays without a source are never taken for finished
+        preparation.prepare(corpus, folder, preparation.PrepareConfig(speech_columns=speech_columns))
+    elif note.exists():
+        before = json.loads(note.read_text(encoding="utf-8"))
+        if before != source:
+            raise ValueError(
+                f"run '{out}' was started on corpus '{before['path']}', now '{source['path']}' is given (or its files "
+                "changed); name the first one or another -o."
+            )
+        made = json.loads(manifest.read_text(encoding="utf-8"))["config"]["speech_columns"]
+        if made != speech_columns:
+            raise ValueError(
+                f"run '{out}' prepared its corpus with speech_columns = {made}, now it is {speech_columns}: resume "
+                "with the same settings, or choose another folder."
+            )
     return folder
+
+
+def _source(corpus: Path) -> dict[str, Any]:
+    """Where a corpus lies, and size (bytes) and time of change (ns) of each of its files."""
+    files = {corpus / "info.csv", corpus / "corpus.csv"}
+    for entry in corpora.find(corpus):
+        files |= {entry.bvh, entry.wav, entry.wav.with_suffix(".csv")}
+    stats = {path.relative_to(corpus).as_posix(): path.stat() for path in sorted(files) if path.exists()}
+    return {
+        "path": str(corpus.resolve()),
+        "files": {name: [stat.st_size, stat.st_mtime_ns] for name, stat in stats.items()},
+    }
 
 
 def fit_config(config: TrainConfig, prepared: Prepared) -> TrainConfig:
@@ -188,6 +234,7 @@ def _check_same(checkpoint_path: Path, given: dict[str, Any], out: Path) -> None
     """ValueError naming the first setting in which the run's newest checkpoint differs from what is `given`."""
     started = checkpoint.metadata(checkpoint_path)
     before, now = _flat(started.get("training", {})), _flat(given["training"])
+    before.setdefault("speech_columns", now["speech_columns"])  # runs of versions that lacked this setting
     for name in [*now, *before]:
         if before.get(name) != now.get(name) and name not in LENGTHS:
             raise ValueError(
