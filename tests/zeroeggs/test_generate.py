@@ -11,8 +11,8 @@ from zeggs_jax.motion import bvh, edit, features, pose
 from zeggs_jax.speech import wav
 from zeggs_jax.synthetic import corpus
 from zeggs_jax.zeroeggs import batch, examples, style_space
-from zeggs_jax.zeroeggs.checkpoints import digest
 from zeggs_jax.zeroeggs import generate as g
+from zeggs_jax.zeroeggs.checkpoints import digest
 from zeggs_jax.zeroeggs.model import (
     DecoderConfig,
     Model,

@@ -1,5 +1,7 @@
 """A Model on disk: parameters and scales as arrays, config and skeleton as metadata of one checkpoint."""
 
+import hashlib
+import json
 from pathlib import Path
 from typing import Any
 
