@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -58,12 +57,12 @@ def takes(
 
 
 @contextmanager
-def naming(path: Path) -> Iterator[None]:
+def naming(file: object) -> Iterator[None]:
     """Puts the file's name in front of a ValueError raised inside."""
     try:
         yield
     except ValueError as error:
-        raise ValueError(f"'{path}': {error}") from error
+        raise ValueError(f"'{file}': {error}") from error
 
 
 def _synchronised(entry: Entry) -> tuple[bvh.Clip, np.ndarray]:
