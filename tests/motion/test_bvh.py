@@ -121,9 +121,7 @@ def dialect(channels: str, *rows: str) -> str:
 
 def test_any_channels_in_any_order():
     """Columns go where their names say; missing positions are the offset's, missing rotations zero."""
-    clip = bvh.parse(
-        dialect("3 Zrotation Xposition Yrotation", "1 2 3 4 5 6 7 8 9", "+1.0E+01 2 3 4 5 6 7 8 -9e0 ")
-    )
+    clip = bvh.parse(dialect("3 Zrotation Xposition Yrotation", "1 2 3 4 5 6 7 8 9", "+1.0E+01 2 3 4 5 6 7 8 -9e0 "))
     assert clip.skeleton.names == ("Hips", "mixamorig:Left-Arm 1", "Leg")
     assert clip.skeleton.parents == (-1, 0, 0)
     assert clip.orders == ("yxz", "zyx", "yxz")
@@ -134,9 +132,7 @@ def test_any_channels_in_any_order():
     assert clip.frame_time == 0.0166666
 
 
-@pytest.mark.parametrize(
-    "channels", ["0", "1 Xrotation", "3 Xrotation Yrotation Zrotation", "2 Xscale Zposition"]
-)
+@pytest.mark.parametrize("channels", ["0", "1 Xrotation", "3 Xrotation Yrotation Zrotation", "2 Xscale Zposition"])
 def test_any_number_of_channels(channels):
     numbers = " ".join(str(x) for x in range(6 + int(channels[0])))
     assert bvh.parse(dialect(channels, numbers, numbers)).euler.shape == (2, 3, 3)

@@ -71,9 +71,7 @@ def parse(text: str, name: str = "BVH text") -> Clip:
         raise ValueError(f"'{name}' is empty; a BVH begins with the word HIERARCHY.")
     hierarchy, *motion = re.split(r"^[ \t]*MOTION[ \t]*$", text.replace("\r", "\n"), maxsplit=1, flags=re.M)
     if not re.match(r"\s*HIERARCHY\b", hierarchy):
-        raise ValueError(
-            f"'{name}' is not a BVH file: it begins with {text.split()[0][:20]!r}, not HIERARCHY."
-        )
+        raise ValueError(f"'{name}' is not a BVH file: it begins with {text.split()[0][:20]!r}, not HIERARCHY.")
     if not motion:
         raise ValueError(f"'{name}' has a HIERARCHY but no MOTION; it was cut off or holds no motion.")
     joints = _hierarchy(hierarchy, name)
@@ -227,9 +225,7 @@ def format(clip: Clip, translations: bool = False) -> str:
         for child in children:
             joint_text(child, depth + 1)
         if not children:
-            lines.extend(
-                [f"{tab}\tEnd Site", f"{tab}\t{{", f"{tab}\t\tOFFSET {_triple(np.zeros(3))}", f"{tab}\t}}"]
-            )
+            lines.extend([f"{tab}\tEnd Site", f"{tab}\t{{", f"{tab}\t\tOFFSET {_triple(np.zeros(3))}", f"{tab}\t}}"])
         lines.append(f"{tab}}}")
 
     joint_text(0, 0)

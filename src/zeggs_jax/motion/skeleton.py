@@ -153,9 +153,7 @@ class Skeleton:
         for name in self.names:
             side, words = _words(name)
             if (other[side], words) not in by_words:
-                raise ValueError(
-                    f"Joint '{name}' has no {other[side]} counterpart, so this body has no mirror."
-                )
+                raise ValueError(f"Joint '{name}' has no {other[side]} counterpart, so this body has no mirror.")
             counterparts.append(by_words[other[side], words] if side else self.names.index(name))
         return tuple(counterparts)
 
