@@ -69,6 +69,21 @@ def test_files_are_written_and_read(clip, tmp_path):
     assert b"\r" not in (tmp_path / "a.bvh").read_bytes()
 
 
+def test_where_nothing_can_be_written_nothing_is_left(clip, tmp_path, monkeypatch):
+    with pytest.raises(ValueError, match=r"' is a folder; give the name of a \.bvh file\.$"):
+        bvh.write(tmp_path, clip)
+    with pytest.raises(FileNotFoundError, match=r"^There is no folder '.*gone' to write 'a\.bvh' in"):
+        bvh.write(tmp_path / "gone" / "a.bvh", clip)
+
+    def refuse(source, target):
+        raise PermissionError(13, "Permission denied", str(source), None, str(target))
+
+    monkeypatch.setattr(bvh.os, "replace", refuse)
+    with pytest.raises(OSError, match=r"a\.bvh' cannot be written: Permission denied\.$"):
+        bvh.write(tmp_path / "a.bvh", clip)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("frame_time", "rate"),
     [

@@ -58,11 +58,24 @@ def read(path: str | Path) -> Clip:
 
 
 def write(path: str | Path, clip: Clip, translations: bool = False) -> None:
-    """Write a clip; without `translations` only joint 0 keeps its positions, the others their OFFSET."""
+    """Write a clip; without `translations` only joint 0 keeps its positions, the others their OFFSET.
+
+    The file appears whole or not at all; an OSError or ValueError says in one sentence why it does not.
+    """
     path = Path(path)
+    if path.is_dir():
+        raise ValueError(f"'{path}' is a folder; give the name of a .bvh file.")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"There is no folder '{path.parent}' to write '{path.name}' in; make it first.")
+    text = format(clip, translations)
     partial = path.with_name(path.name + ".partial")
-    partial.write_text(format(clip, translations), encoding="utf-8", newline="\n")
-    os.replace(partial, path)
+    try:
+        partial.write_text(text, encoding="utf-8", newline="\n")
+        os.replace(partial, path)
+    except OSError as error:
+        raise OSError(f"'{path}' cannot be written: {error.strerror}.") from error
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def parse(text: str, name: str = "BVH text") -> Clip:
