@@ -24,7 +24,7 @@ def bodies(draw):
     kinds = st.sampled_from(["ns:Joint", "Left-Arm ", "b_", "Knochen ä"])
     names = tuple(f"{draw(kinds)}{joint}" for joint in range(joints))
     orders = tuple(draw(st.sampled_from(ORDERS)) for _ in range(joints))
-    time = draw(st.sampled_from([0.016667, 0.033333, 0.008333]))
+    time = draw(st.sampled_from([0.016667, 0.033333, 0.0083333, 1 / 60]))
     return names, tuple(parents), orders, draw(st.integers(1, 5)), time, draw(st.integers(0, 1000))
 
 
@@ -82,6 +82,16 @@ def test_where_nothing_can_be_written_nothing_is_left(clip, tmp_path, monkeypatc
     with pytest.raises(OSError, match=r"a\.bvh' cannot be written: Permission denied\.$"):
         bvh.write(tmp_path / "a.bvh", clip)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("frame_time", "text"),
+    [(0.016667, "0.016667"), (0.04, "0.040000"), (0.0083333, "0.0083333"), (1 / 60, "0.016666666666666666")],
+)
+def test_frame_time_is_kept(clip, frame_time, text):
+    written = bvh.format(clip._replace(frame_time=np.float64(frame_time)))
+    assert f"\nFrame Time: {text}\n" in written
+    assert bvh.parse(written).frame_time == frame_time
 
 
 @pytest.mark.parametrize(

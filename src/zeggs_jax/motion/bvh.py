@@ -244,9 +244,15 @@ def format(clip: Clip, translations: bool = False) -> str:
     joint_text(0, 0)
     block = np.concatenate(columns, axis=-1)
     row = "%f " * block.shape[1]
-    lines.extend(["MOTION", f"Frames: {len(block)}", f"Frame Time: {clip.frame_time:f}"])
+    lines.extend(["MOTION", f"Frames: {len(block)}", f"Frame Time: {_seconds(clip.frame_time)}"])
     lines.extend(row % tuple(frame) for frame in block)
     return "\n".join(lines) + "\n"
+
+
+def _seconds(frame_time: float) -> str:
+    """Six decimals where they are exact, as in the release, else as many as bring the same number back."""
+    text = f"{frame_time:f}"
+    return text if float(text) == frame_time else repr(float(frame_time))
 
 
 def _triple(xyz: np.ndarray) -> str:
