@@ -213,6 +213,8 @@ GOOD = dialect("0", "1 2 3 4 5 6", "7 8 9 10 11 12")
         (GOOD.replace("Frames: 2\n", ""), "has no line 'Frames: N'"),
         (GOOD.replace("Frames: 2", "Frames: 0"), "holds no motion: 0 frames of 6 channels"),
         (GOOD.replace("0.0166666", "0"), "has frame time '0'; it must be"),
+        (GOOD.replace("0.0166666", "1e-310"), "has frame time '1e-310'; it must be .* from 1e-6 to 1000"),
+        (GOOD.replace("0.0166666", "1001"), "has frame time '1001'"),
         (GOOD.replace("0.0166666", "nan"), "has frame time 'nan'"),
         (GOOD.replace("0.0166666", "fast"), "has frame time 'fast'"),
         (

@@ -158,8 +158,8 @@ def _frames(text: str, joints: list[_Joint], name: str) -> tuple[float, Float[np
         frame_time = float(time[1])
     except ValueError:
         frame_time = np.nan
-    if not 0 < frame_time < np.inf:
-        raise ValueError(f"'{name}' has frame time {time[1]!r}; it must be a number of seconds above 0.")
+    if not 1e-6 <= frame_time <= 1e3:
+        raise ValueError(f"'{name}' has frame time {time[1]!r}; it must be a number of seconds from 1e-6 to 1000.")
     count, width = int(frames[1]), sum(len(joint.channels) for joint in joints)
     if not count or not width:
         raise ValueError(f"'{name}' holds no motion: {count} frames of {width} channels.")
