@@ -245,9 +245,11 @@ def test_faults_are_named(text, match):
     assert str(caught.value).count("\n") == 0
 
 
-def test_missing_and_binary_files_are_named(tmp_path):
+def test_missing_files_folders_and_binary_files_are_named(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"There is no BVH file '.*gone\.bvh'"):
         bvh.read(tmp_path / "gone.bvh")
+    with pytest.raises(ValueError, match="' is a folder, not a BVH file"):
+        bvh.read(tmp_path)
     (tmp_path / "picture.bvh").write_bytes(b"\x89PNG\0\0\xff")
     with pytest.raises(ValueError, match=r"'picture\.bvh' is not a BVH file: it holds binary data"):
         bvh.read(tmp_path / "picture.bvh")

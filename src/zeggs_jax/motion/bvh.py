@@ -46,7 +46,9 @@ def rate_hz(frame_time: float) -> float:
 def read(path: str | Path) -> Clip:
     """The clip in a BVH file; ValueError says what is wrong with the file and where."""
     path = Path(path)
-    if not path.is_file():
+    if path.is_dir():
+        raise ValueError(f"'{path}' is a folder, not a BVH file; give one of the .bvh files.")
+    if not path.exists():
         raise FileNotFoundError(f"There is no BVH file '{path}'.")
     raw = path.read_bytes()
     if b"\0" in raw:
