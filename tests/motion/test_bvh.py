@@ -1,5 +1,7 @@
 """BVH: what is written is read again, every dialect is understood, every fault is named in one sentence."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -163,7 +165,10 @@ def test_any_number_of_channels(channels):
     assert bvh.parse(dialect(channels, numbers, numbers)).euler.shape == (2, 3, 3)
 
 
-def test_line_ends_and_spaces_do_not_matter():
+KEYWORDS = r"HIERARCHY|ROOT|JOINT|End Site|OFFSET|CHANNELS|[XYZ](rotation|position)|MOTION|Frames|Frame Time"
+
+
+def test_line_ends_spaces_and_capitals_do_not_matter():
     text = dialect("3 Zrotation Xrotation Yrotation", "1 2 3 4 5 6 7 8 9", "1 2 3 4 5 6 7 8 9")
     expected = bvh.parse(text)
     variants = [
@@ -175,6 +180,7 @@ def test_line_ends_and_spaces_do_not_matter():
         "\n" + text,
         text.replace("\n{", " {"),
         text.replace("Frames: 2", "Frames:\t2 "),
+        *(re.sub(KEYWORDS, lambda found, to=to: to(found[0]), text) for to in (str.lower, str.upper, str.title)),
     ]
     for variant in variants:
         clip = bvh.parse(variant)

@@ -84,8 +84,8 @@ def parse(text: str, name: str = "BVH text") -> Clip:
     """The clip in BVH `text`; `name` stands for the file in error messages."""
     if not text.strip():
         raise ValueError(f"'{name}' is empty; a BVH begins with the word HIERARCHY.")
-    hierarchy, *motion = re.split(r"^[ \t]*MOTION[ \t]*$", text.replace("\r", "\n"), maxsplit=1, flags=re.M)
-    if not re.match(r"\s*HIERARCHY\b", hierarchy):
+    hierarchy, *motion = re.split(r"^[ \t]*MOTION[ \t]*$", text.replace("\r", "\n"), maxsplit=1, flags=re.M | re.I)
+    if not re.match(r"\s*HIERARCHY\b", hierarchy, flags=re.I):
         raise ValueError(f"'{name}' is not a BVH file: it begins with {text.split()[0][:20]!r}, not HIERARCHY.")
     if not motion:
         raise ValueError(f"'{name}' has a HIERARCHY but no MOTION; it was cut off or holds no motion.")
