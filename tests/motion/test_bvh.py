@@ -71,6 +71,12 @@ def test_files_are_written_and_read(clip, tmp_path):
     assert b"\r" not in (tmp_path / "a.bvh").read_bytes()
 
 
+def test_end_sites_lose_their_offset():
+    text = dialect("3 Zrotation Xrotation Yrotation", "1 2 3 4 5 6 7 8 9", "1 2 3 4 5 6 7 8 9")
+    ends = re.findall(r"End Site\s*{\s*OFFSET (.*)", bvh.format(bvh.parse(text)))
+    assert ends == ["0.000000 0.000000 0.000000"] * 2  # the arm's was 0 1 0, the leg had none
+
+
 def test_where_nothing_can_be_written_nothing_is_left(clip, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"' is a folder; give the name of a \.bvh file\.$"):
         bvh.write(tmp_path, clip)

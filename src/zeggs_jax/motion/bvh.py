@@ -62,6 +62,8 @@ def read(path: str | Path) -> Clip:
 def write(path: str | Path, clip: Clip, translations: bool = False) -> None:
     """Write a clip; without `translations` only joint 0 keeps its positions, the others their OFFSET.
 
+    End Sites are not part of a `Clip`: every leaf gets one with OFFSET 0 0 0, as in the release, so a file that is
+    read and written again loses the offsets of its End Sites.
     The file appears whole or not at all; an OSError or ValueError says in one sentence why it does not.
     """
     path = Path(path)
