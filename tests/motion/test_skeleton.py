@@ -1,6 +1,8 @@
 """Skeletons: the reference hierarchy, roles by name, mirrors, and errors that name the joint."""
 
 import itertools
+import re
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -80,9 +82,20 @@ def test_a_joint_without_counterpart_is_named():
         skeleton(("Hips", "LeftTail")).mirror_map()
 
 
+@pytest.mark.parametrize("role", [field.name for field in fields(Roles)])
+def test_a_body_of_unknown_names_is_told_good_ones(role):
+    """The sentence stays short, and each name that it suggests does play the role."""
+    with pytest.raises(ValueError, match=r"joints are Bone0, .*, Bone7, \.\.\. \(75 in all\)\.$") as caught:
+        skeleton(tuple(f"Bone{joint}" for joint in range(75))).role(role)
+    for name in re.search("such as (.*) is understood", str(caught.value))[1].split(" or "):
+        assert skeleton(("Bone", name)).role(role) == 1
+
+
 def test_a_missing_role_or_joint_is_named():
     body = skeleton(("Hips", "Tail"))
     with pytest.raises(ValueError, match="looks like the left hand"):
+        body.role("left_hand")
+    with pytest.raises(ValueError, match=r"LeftWrist is understood, its joints are Hips, Tail\.$"):
         body.role("left_hand")
     with pytest.raises(ValueError, match="no joint 'Head'; it has Hips, Tail"):
         body.index("Head")

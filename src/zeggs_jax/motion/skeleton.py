@@ -55,6 +55,22 @@ _CANDIDATES: dict[str, tuple[str, ...]] = {
     "foot": ("foot", "ankle"),
 }
 
+# Names to suggest where nobody plays a role.
+_EXAMPLES: dict[str, str] = {
+    "hips": "Hips or Pelvis",
+    "spine": "Spine2 or Chest",
+    "head": "Head",
+    "left_hand": "LeftHand or LeftWrist",
+    "right_hand": "RightHand or RightWrist",
+    "left_foot": "LeftFoot or LeftAnkle",
+    "right_foot": "RightFoot or RightAnkle",
+}
+
+
+def _few(names: tuple[str, ...]) -> str:
+    """The first eight names, and how many there are where there are more."""
+    return ", ".join(names[:8]) + (f", ... ({len(names)} in all)" if len(names) > 8 else "")
+
 
 def _words(name: str) -> tuple[str, str]:
     """Side ("left", "right", "") and the other words: "mixamorig:LeftHand" -> ("left", "hand")."""
@@ -130,14 +146,17 @@ class Skeleton:
         return self.names.index(name)
 
     def role(self, role: str) -> int:
-        """Number of the joint that plays a role ("hips", "head", ...); ValueError where nobody does."""
+        """Number of the joint that plays a role ("hips", "head", ...); ValueError where nobody does.
+
+        Joints with names of their own get their roles by `Skeleton(..., roles=Roles(head="Kopf", ...))`.
+        """
         if role not in {field.name for field in fields(Roles)}:
             raise ValueError(f"'{role}' is no role; roles are {', '.join(f.name for f in fields(Roles))}.")
         name = getattr(self.roles, role)
         if name is None:
             raise ValueError(
                 f"No joint of this skeleton looks like the {role.replace('_', ' ')}; "
-                f"name it in Skeleton(roles=Roles({role}=...)): {', '.join(self.names)}."
+                f"a name such as {_EXAMPLES[role]} is understood, its joints are {_few(self.names)}."
             )
         return self.index(name)
 
