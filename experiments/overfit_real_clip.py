@@ -41,6 +41,17 @@ from zeggs_jax.zeroeggs.model import ZeroEggsConfig, decode, encode_speech, enco
 GOAL = 2.0  # cm, mean over joints and frames
 
 
+class Stage(NamedTuple):
+    """A part of the training: windows grow from stage to stage, the frames of a step stay about the same."""
+
+    window: int  # frames
+    batch: int
+    steps: int
+
+
+STAGES = (Stage(8, 60, 400), Stage(20, 24, 300), Stage(60, 8, 250), Stage(120, 4, 250))
+
+
 class Excerpt(NamedTuple):
     """The seconds to learn."""
 
@@ -94,9 +105,7 @@ def mean_joint_error(predicted: Pose, target: Pose, parents: tuple[int, ...]) ->
     return jnp.linalg.norm(world(predicted) - world(target), axis=-1).mean()
 
 
-def rollout(
-    params: Any, excerpt: Excerpt, config: ZeroEggsConfig, start: Array, frames: int
-) -> tuple[Pose, Pose]:
+def rollout(params: Any, excerpt: Excerpt, config: ZeroEggsConfig, start: Array, frames: int) -> tuple[Pose, Pose]:
     """(predicted, true) poses of `frames` frames from `start` on, closed loop; the style is the excerpt's mean."""
     cut = partial(jax.lax.dynamic_slice_in_dim, start_index=start, slice_size=frames)
     target = jax.tree.map(cut, excerpt.motion.pose)
@@ -104,9 +113,7 @@ def rollout(
     style = encode_style(params, config, excerpt.scales, excerpt.vectors).mean
     first = jax.tree.map(lambda x: x[0], target)
     hold = lambda x: jnp.tile(x[None], (frames, 1))  # noqa: E731
-    return decode(
-        params, config, excerpt.scales, first, cut(speech), hold(style), hold(excerpt.motion.gaze)
-    ), target
+    return decode(params, config, excerpt.scales, first, cut(speech), hold(style), hold(excerpt.motion.gaze)), target
 
 
 def train(excerpt: Excerpt, out: Path, args: argparse.Namespace) -> tuple[Any, float, float]:
@@ -114,22 +121,21 @@ def train(excerpt: Excerpt, out: Path, args: argparse.Namespace) -> tuple[Any, f
     parents, frames = excerpt.clip.skeleton.parents, len(excerpt.clip.euler)
     config = ZeroEggsConfig(frame_time=excerpt.clip.frame_time)
     params = init(jax.random.key(0), config)
-    rate = optax.cosine_decay_schedule(args.learning_rate, args.steps, 0.02)
+    total = sum(stage.steps for stage in STAGES)
+    rate = optax.cosine_decay_schedule(args.learning_rate, total, 0.02)
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), radam(rate))
     state = (params, optimiser.init(params), jnp.zeros((), jnp.int32), jnp.zeros(()))
     if checkpoint.is_checkpoint(out / "state"):
         state, _ = checkpoint.load(out / "state", state)
 
-    @partial(jax.jit, donate_argnums=(0, 1))
-    def step(params, opt_state, key):
-        starts = jax.random.randint(key, (args.batch,), 0, frames - args.window + 1).at[0].set(0)
+    @partial(jax.jit, donate_argnums=(0, 1), static_argnames="stage")
+    def step(params, opt_state, key, stage):
+        starts = jax.random.randint(key, (stage.batch,), 0, frames - stage.window + 1).at[0].set(0)
 
         def loss(params):
             def one(start):
-                predicted, target = rollout(params, excerpt, config, start, args.window)
-                terms = losses.reconstruction(
-                    predicted, target, excerpt.motion.gaze, parents, config.frame_time
-                )
+                predicted, target = rollout(params, excerpt, config, start, stage.window)
+                terms = losses.reconstruction(predicted, target, excerpt.motion.gaze, parents, config.frame_time)
                 return sum(terms) / 18.0
 
             return jax.vmap(one)(starts).mean()
@@ -138,15 +144,15 @@ def train(excerpt: Excerpt, out: Path, args: argparse.Namespace) -> tuple[Any, f
         updates, opt_state = optimiser.update(gradient, opt_state, params)
         return optax.apply_updates(params, updates), opt_state, value
 
-    error_of = jax.jit(
-        lambda p: mean_joint_error(*rollout(p, excerpt, config, jnp.int32(0), frames), parents)
-    )
+    error_of = jax.jit(lambda p: mean_joint_error(*rollout(p, excerpt, config, jnp.int32(0), frames), parents))
     params, opt_state, done, spent = state
     spent, error, begun = float(spent), float("inf"), time.monotonic()
-    bar = tqdm(range(int(done), args.steps), initial=int(done), total=args.steps, unit="step")
+    stages = [stage for stage in STAGES for _ in range(stage.steps)]
+    bar = tqdm(range(int(done), total), initial=int(done), total=total, unit="step")
     for k in bar:
-        params, opt_state, value = step(params, opt_state, jax.random.fold_in(jax.random.key(1), k))
-        if (k + 1) % args.every == 0 or k + 1 == args.steps:
+        key = jax.random.fold_in(jax.random.key(1), k)
+        params, opt_state, value = step(params, opt_state, key, stages[k])
+        if (k + 1) % args.every == 0 or k + 1 == total:
             error = float(error_of(params))
             bar.set_postfix(loss=f"{float(value):.4f}", error=f"{error:.2f} cm")
             elapsed = spent + time.monotonic() - begun
@@ -157,20 +163,15 @@ def train(excerpt: Excerpt, out: Path, args: argparse.Namespace) -> tuple[Any, f
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bvh", type=Path, required=True)
     parser.add_argument("--wav", type=Path, required=True)
     parser.add_argument("-o", "--out", type=Path, required=True)
     parser.add_argument("--start", type=float, default=2.0, help="seconds into the take")
     parser.add_argument("--seconds", type=float, default=8.0)
     parser.add_argument("--rate", type=float, default=60.0, help="frames per second; the file has 30")
-    parser.add_argument("--steps", type=int, default=4000)
-    parser.add_argument("--batch", type=int, default=8)
-    parser.add_argument("--window", type=int, default=64, help="frames")
     parser.add_argument("--every", type=int, default=100, help="steps between checks of the whole rollout")
-    parser.add_argument("--learning-rate", type=float, default=3e-4)
+    parser.add_argument("--learning-rate", type=float, default=4e-4)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     excerpt = read_excerpt(args.bvh, args.wav, args.start, args.seconds, args.rate)
@@ -185,15 +186,17 @@ def main() -> None:
         bvh.write(args.out / f"{name}.bvh", clip)
     player.write(
         args.out / "index.html",
-        [
-            player.Figure(name, clip, args.out / "speech.wav")
-            for name, clip in (("truth", truth), ("model", made))
-        ],
+        [player.Figure(name, clip, args.out / "speech.wav") for name, clip in (("truth", truth), ("model", made))],
         title="Overfitted on 8 s of take 067",
     )
     print(
         json.dumps(
-            {"mean_joint_error_cm": round(error, 3), "frames": frames, "rate_hz": args.rate, "training_seconds": round(seconds)}
+            {
+                "mean_joint_error_cm": round(error, 3),
+                "frames": frames,
+                "rate_hz": args.rate,
+                "training_seconds": round(seconds),
+            }
         )
     )
 

@@ -10,19 +10,17 @@ The sizes are all that differs from the paper's model; the code is the same.
 import argparse
 from pathlib import Path
 
-from zeggs_jax.data import prepare as data
-from zeggs_jax.data.prepare import PrepareConfig
 from zeggs_jax.data.windows import WindowConfig
 from zeggs_jax.zeroeggs.model import DecoderConfig, SpeechEncoderConfig, StyleEncoderConfig, ZeroEggsConfig
-from zeggs_jax.zeroeggs.train import TrainConfig, train
+from zeggs_jax.zeroeggs.train import TrainConfig, prepared, train
 
-PREPARE = PrepareConfig(speech_columns=True)
 DEMO = TrainConfig(
     model=ZeroEggsConfig(
         speech=SpeechEncoderConfig(hidden=64, size=64, dropout=0.1),
         style=StyleEncoderConfig(hidden=128, size=32),
         decoder=DecoderConfig(hidden=256, layers=2),
     ),
+    speech_columns=True,
     windows=WindowConfig(batch=16, window=75, example=(90, 180)),
     steps=3_000,
     learning_rate=1e-3,
@@ -40,10 +38,7 @@ def main() -> None:
     parser.add_argument("corpus", type=Path)
     parser.add_argument("-o", "--out", type=Path, required=True)
     args = parser.parse_args()
-    prepared = args.out / "prepared"
-    if not (prepared / "manifest.json").exists():
-        data.prepare(args.corpus, prepared, PREPARE)
-    train(prepared, args.out, DEMO)
+    train(prepared(args.corpus, args.out, DEMO.speech_columns), args.out, DEMO)
 
 
 if __name__ == "__main__":
