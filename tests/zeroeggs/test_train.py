@@ -1,0 +1,244 @@
+"""Training end to end on a tiny corpus: it learns, resumes to the same numbers, and refuses what does not fit."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from zeggs_jax.data.prepare import prepare
+from zeggs_jax.data.prepared import load
+from zeggs_jax.data.windows import WindowConfig, batch
+from zeggs_jax.motion import bvh
+from zeggs_jax.motion.skeleton import Skeleton
+from zeggs_jax.speech import wav
+from zeggs_jax.training import checkpoint, loop
+from zeggs_jax.zeroeggs import model as m
+from zeggs_jax.zeroeggs import train as t
+from zeggs_jax.zeroeggs.checkpoints import load_model, save_model
+
+TINY = t.TrainConfig(
+    model=m.ZeroEggsConfig(
+        speech=m.SpeechEncoderConfig(hidden=6, size=5, kernel=5),
+        style=m.StyleEncoderConfig(hidden=8, size=4),
+        decoder=m.DecoderConfig(hidden=12, layers=1),
+    ),
+    windows=WindowConfig(batch=2, window=6, example=(8, 12)),
+    steps=6,
+    learning_rate=1e-2,
+    log_every=1,
+    checkpoint_every=3,
+)
+BY_LABEL = replace(TINY.model, style=m.StyleEncoderConfig(kind="label"), labels=("calm", "wild"))
+
+
+@pytest.fixture(scope="session")
+def corpus(tmp_path_factory) -> Path:
+    """Two styles of three joints, prepared."""
+    folder = tmp_path_factory.mktemp("corpus")
+    skeleton = Skeleton(("Hips", "Spine", "Head"), (-1, 0, 1), np.array([[0, 90, 0], [0, 30, 0], [0, 40, 0]], float))
+    for seed, name in enumerate(("calm/a", "calm/b", "wild/c")):
+        random, time = np.random.default_rng(seed), np.arange(30)[:, None, None] / 30
+        euler = 0.3 * np.sin(random.uniform(1, 6, (1, 3, 3)) * time + random.uniform(0, 6, (1, 3, 3)))
+        positions = np.repeat(skeleton.offsets[None], len(time), axis=0)
+        (folder / name).parent.mkdir(exist_ok=True)
+        bvh.write(folder / f"{name}.bvh", bvh.Clip(skeleton, ("zyx",) * 3, euler, positions, 0.033333))
+        wav.write(folder / f"{name}.wav", 0.1 * random.normal(size=16000), 16000)
+    prepare(folder, folder / "arrays")
+    return folder / "arrays"
+
+
+@pytest.fixture(scope="session")
+def run(corpus, tmp_path_factory) -> Path:
+    """A finished run of six updates; not to be written to."""
+    folder = tmp_path_factory.mktemp("run")
+    t.train(corpus, folder, TINY, progress=False)
+    return folder
+
+
+def log_of(run: Path) -> list[dict]:
+    return list(loop.read_log(run / "log.jsonl"))
+
+
+def test_a_run_leaves_its_log_and_checkpoints(run):
+    log = log_of(run)
+    assert [line["step"] for line in log] == list(range(6))
+    assert len(log[0]) == 1 + 1 + 17 + 1 + 1  # step, loss, terms, kl, gradient
+    total = sum(log[3][name] for name in (*t.Terms._fields, "kl")) / 18
+    assert log[3]["loss"] == pytest.approx(total, rel=1e-5)
+    assert [path.name for path in loop.checkpoints(run)] == ["step_00000003", "step_00000006"]
+
+
+def test_a_resumed_run_has_the_numbers_of_an_unbroken_one(run, corpus, tmp_path):
+    t.train(corpus, tmp_path, replace(TINY, steps=2), progress=False)
+    state = t.train(corpus, tmp_path, TINY, progress=False)
+    assert log_of(tmp_path) == log_of(run)
+    ours, theirs = (checkpoint.load(loop.checkpoints(folder)[-1])[0] for folder in (tmp_path, run))
+    jax.tree.map(np.testing.assert_array_equal, ours, theirs)
+    jax.tree.map(np.testing.assert_array_equal, state.params, theirs["params"])
+
+
+def test_a_run_is_a_model(run, corpus):
+    model, prepared = load_model(run), load(corpus)
+    assert model.config == m.ZeroEggsConfig(**{**vars(TINY.model), "joints": 3, "frame_time": 0.033333})
+    assert model.skeleton.names == prepared.skeleton.names
+    assert model.skeleton.roles == prepared.skeleton.roles
+    np.testing.assert_array_equal(model.scales.pose_in.std, prepared.scales.pose_in.std)
+    before = load_model(loop.checkpoints(run)[0])
+    assert not np.array_equal(model.params["decoder"]["recurrent"]["dense_out"]["bias"],
+                              before.params["decoder"]["recurrent"]["dense_out"]["bias"])  # fmt: skip
+
+
+def test_models_are_saved_in_half_the_space(run, tmp_path):
+    model = load_model(run)
+    digest = save_model(tmp_path / "half", model, "float16")
+    half = load_model(tmp_path / "half")
+    assert checkpoint.digest(tmp_path / "half") == digest
+    assert checkpoint.load(tmp_path / "half")[0]["params"]["speech"]["dense"]["weight"].dtype == np.float16
+    assert {leaf.dtype for leaf in jax.tree.leaves(half.params)} == {np.dtype(np.float32)}
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-6), half.params, model.params)
+    jax.tree.map(np.testing.assert_array_equal, half.scales, model.scales)
+
+
+def test_models_of_another_config_are_refused(run, tmp_path):
+    model = load_model(run)
+    wider = replace(model.config, decoder=replace(model.config.decoder, hidden=13))
+    save_model(tmp_path / "wrong", model._replace(config=wider))
+    with pytest.raises(ValueError, match="wrong' is of another config: parameter 'decoder/"):
+        load_model(tmp_path / "wrong")
+    with pytest.raises(FileNotFoundError, match="nothing' does not exist"):
+        load_model(tmp_path / "nothing")
+    checkpoint.save(tmp_path / "other", {"a": np.ones(2)}, {})
+    with pytest.raises(ValueError, match="other' is not a ZeroEGGS model"):
+        load_model(tmp_path / "other")
+    (tmp_path / "run" / "checkpoints").mkdir(parents=True)
+    with pytest.raises(ValueError, match="no finished checkpoint yet"):
+        load_model(tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        (replace(TINY, learning_rate=1e-3), r"started with learning_rate = 0.01, now it is 0.001"),
+        (replace(TINY, windows=replace(TINY.windows, batch=3)), "windows.batch = 2, now it is 3"),
+        (replace(TINY, model=BY_LABEL), "started with model.labels"),
+    ],
+)
+def test_other_settings_do_not_resume(run, corpus, config, message):
+    with pytest.raises(ValueError, match=message):
+        t.train(corpus, run, config, progress=False)
+
+
+def test_another_corpus_does_not_resume(run, corpus, tmp_path):
+    shutil.copytree(corpus, tmp_path / "arrays")
+    manifest = json.loads((corpus / "manifest.json").read_text())
+    (tmp_path / "arrays" / "manifest.json").write_text(json.dumps(manifest | {"source": "elsewhere"}))
+    with pytest.raises(ValueError, match="started on another corpus"):
+        t.train(tmp_path / "arrays", run, TINY, progress=False)
+
+
+def test_a_damaged_checkpoint_does_not_resume(run, corpus, tmp_path):
+    shutil.copytree(run, tmp_path / "run")
+    newest = loop.checkpoints(tmp_path / "run")[-1]
+    shutil.rmtree(newest / "arrays")
+    with pytest.raises(ValueError, match="is damaged"):
+        t.train(corpus, tmp_path / "run", replace(TINY, steps=8), progress=False)
+
+
+def test_bad_numbers_in_the_corpus_stop_the_run(corpus, tmp_path):
+    """The term and the update are named, the last good checkpoint stays."""
+    shutil.copytree(corpus, tmp_path / "arrays")
+    poses = np.load(tmp_path / "arrays" / "pose.npy")
+    poses[:, 6] = np.nan  # x of the hips
+    np.save(tmp_path / "arrays" / "pose.npy", poses)
+    with pytest.raises(ValueError, match=r"update 0 \(batch 0\): '\w+' is not finite; there is no checkpoint"):
+        t.train(tmp_path / "arrays", tmp_path / "run", replace(TINY, model=BY_LABEL), progress=False)
+    assert loop.checkpoints(tmp_path / "run") == []
+
+
+def test_labels_must_be_the_corpus_styles(corpus, tmp_path):
+    wrong = replace(TINY, model=replace(BY_LABEL, labels=("wild", "calm")))
+    with pytest.raises(ValueError, match="labels wild, calm; the corpus has styles calm, wild"):
+        t.train(corpus, tmp_path / "run", wrong, progress=False)
+
+
+def batch_and_draws(corpus, config: t.TrainConfig, k: int = 0):
+    prepared = load(corpus)
+    config = t.fit_config(config, prepared)
+    setting = t.Setting(config, prepared.scales, prepared.skeleton.parents)
+    keys = jax.random.split(jax.random.key(k), config.windows.batch)
+    draws = jax.vmap(lambda key: t.draw(key, config.model))(keys)
+    return setting, batch(prepared, 0, k, config.windows), draws
+
+
+def test_the_loss_of_a_batch_is_the_mean_of_its_clips(corpus):
+    setting, clips, draws = batch_and_draws(corpus, TINY)
+    params = m.init(jax.random.key(0), setting.config.model)
+    total, metrics = jax.jit(lambda p: t.batch_loss(p, clips, draws, 20_000, setting))(params)
+    single = jax.jit(lambda p, clip, draw: t.clip_loss(p, clip, draw, setting))
+    alone = [single(params, *jax.tree.map(lambda a, i=i: a[i], (clips, draws))) for i in range(2)]
+    for name in t.Terms._fields:
+        mean = np.mean([getattr(terms, name) for terms, _ in alone])
+        assert float(metrics[name]) == pytest.approx(float(mean), rel=1e-4)
+    assert float(metrics["kl"]) == pytest.approx(0.2 * np.mean([kl for _, kl in alone]), rel=1e-4)
+    assert float(total) == pytest.approx(sum(float(v) for v in metrics.values()) / 18, rel=1e-5)
+
+
+def test_dropout_and_style_are_drawn_anew(corpus):
+    """Each key of the draws changes the loss; without dropout keys the draw of the style alone does."""
+    setting, clips, draws = batch_and_draws(corpus, TINY)
+    params = m.init(jax.random.key(0), setting.config.model)
+    loss = jax.jit(lambda d: t.batch_loss(params, clips, d, 0, setting)[0])
+    other = batch_and_draws(corpus, TINY, 1)[2]
+    values = [float(loss(draws))] + [float(loss(draws._replace(**{f: getattr(other, f)}))) for f in draws._fields]
+    assert len(set(values)) == 4
+    still = draws._replace(speech_dropout=None, style_dropout=None)
+    assert float(loss(still)) == float(loss(still))
+    assert float(loss(still)) != float(loss(still._replace(style=other.style)))
+
+
+@pytest.mark.slow
+def test_label_models_train(corpus, tmp_path):
+    t.train(corpus, tmp_path, replace(TINY, model=BY_LABEL, steps=30), progress=False)
+    log = log_of(tmp_path)
+    assert all(line["kl"] == 0.0 for line in log)
+    assert np.mean([line["loss"] for line in log[-5:]]) < np.mean([line["loss"] for line in log[:5]])
+    assert "style" not in load_model(tmp_path).params
+
+
+def test_settings_are_read_strictly(tmp_path):
+    path = tmp_path / "config.json"
+    path.write_text(json.dumps({"steps": 5, "windows": {"window": 30, "example": [30, 40]}, "kl_limit": 1}))
+    config = t.read_config(path)
+    assert (config.steps, config.windows.window, config.windows.example, config.kl_limit) == (5, 30, (30, 40), 1.0)
+    assert config.model == m.ZeroEggsConfig()
+    path.write_text('{"learning_rates": 1}')
+    with pytest.raises(ValueError, match=r"unknown key 'learning_rates'; .*'learning_rate'"):
+        t.read_config(path)
+    path.write_text('{"steps": ')
+    with pytest.raises(ValueError, match="is not JSON"):
+        t.read_config(path)
+
+
+def test_the_written_settings_can_be_used_again(run, corpus):
+    assert t.read_config(run / "config.json") == t.fit_config(TINY, load(corpus))
+
+
+def test_defaults_are_the_papers():
+    config = t.TrainConfig()
+    assert (config.windows.batch, config.windows.window, config.windows.example) == (32, 256, (256, 512))
+    assert (config.steps, config.learning_rate, config.decay, config.eps) == (160_000, 1e-4, 0.995, 1e-5)
+    assert jnp.isclose(t.losses.kl_weight(7000, config.kl_limit, config.kl_middle, config.kl_slope), 0.0759, rtol=1e-3)
+
+
+def test_a_corpus_is_prepared_once(corpus, tmp_path, monkeypatch):
+    assert t.prepared(corpus, tmp_path) == corpus
+    made = []
+    monkeypatch.setattr(t.preparation, "prepare", lambda *args: (made.append(args), shutil.copytree(corpus, args[1])))
+    assert t.prepared(corpus.parent, tmp_path) == tmp_path / "prepared"
+    assert t.prepared(corpus.parent, tmp_path) == tmp_path / "prepared"
+    assert made == [(corpus.parent, tmp_path / "prepared")]
