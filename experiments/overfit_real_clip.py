@@ -136,9 +136,9 @@ def train(excerpt: Excerpt, out: Path, args: argparse.Namespace) -> tuple[Any, f
             def one(start):
                 predicted, target = rollout(params, excerpt, config, start, stage.window)
                 terms = losses.reconstruction(predicted, target, excerpt.motion.gaze, parents, config.frame_time)
-                return sum(terms) / 18.0
+                return jnp.stack(jax.tree.leaves(terms)).sum() / 18.0
 
-            return jax.vmap(one)(starts).mean()
+            return jnp.mean(jax.vmap(one)(starts))
 
         value, gradient = jax.value_and_grad(loss)(params)
         updates, opt_state = optimiser.update(gradient, opt_state, params)

@@ -23,7 +23,7 @@ def encode(clip: bvh.Clip) -> Motion:
     away = rot * np.array([1.0, -1.0, -1.0, -1.0])
     positions[:, 0] = rotate(away, positions[:, 0] - pos)
     turns[:, 0] = multiply(away, turns[:, 0])
-    step = multiply(turns[1:], turns[:-1] * np.float32([1, -1, -1, -1]))
+    step = multiply(turns[1:], turns[:-1] * np.array([1, -1, -1, -1], np.float32))
     step = np.where(step[..., :1] < 0, -step, step)
     before = np.concatenate([away[:1], away[:-1]])
     turned = multiply(rot[1:], away[:-1])

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ import optax
 
 from zeggs_jax.data.windows import Batch
 from zeggs_jax.motion.pose import Pose, to_vector
-from zeggs_jax.training.optimiser import radam, step_table, stepped_rate
+from zeggs_jax.training.optimiser import RAdamState, radam, step_table, stepped_rate
 from zeggs_jax.zeroeggs.config import ZeroEggsConfig
 from zeggs_jax.zeroeggs.losses import Terms
 from zeggs_jax.zeroeggs.torch_weights import from_torch, infer_config, read_scales, to_torch
@@ -79,6 +79,7 @@ def _optimiser(case: Case, name: str, options: dict[str, Any], arrays: Arrays) -
         return (w + change, state), (w + change, gradient)
 
     (_, state), (path, gradients) = jax.lax.scan(body, (start, optimiser.init(start)), length=updates)
+    state = cast(RAdamState, state)
     ours = {
         "w": np.concatenate([start[None], path]),
         "g": gradients,
@@ -129,7 +130,8 @@ def _run(case: Case, name: str, stored: Arrays, batches: Arrays) -> Iterator[Row
             for key, value in to_torch(grads, config).items():
                 ours = _their_name(key, "g0.")
                 yield from gradient_rows(STAGE, f"{name}/{ours}", value, stored[ours], allowed(case, file, ours))
-    yield Row(STAGE, f"{name}/loss of iteration 0, relative", abs(float(totals[0]) / stored["total"][0] - 1.0), RELATIVE)
+    first_error = abs(float(totals[0]) / stored["total"][0] - 1.0)
+    yield Row(STAGE, f"{name}/loss of iteration 0, relative", first_error, RELATIVE)
     yield compare(STAGE, case, file, "total", totals, stored["total"])
     yield compare(STAGE, case, file, "terms", terms_of, stored["terms"])
     before, atol = to_torch(start, config), SLACK * about["max_parameter_f32_vs_f64"]

@@ -93,11 +93,11 @@ def draw(key: Array, config: ZeroEggsConfig) -> Draws:
 def clip_loss(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tuple[Terms, Array]:
     """The weighted terms of one clip (a Batch without its leading axis) and its style's KL divergence."""
     config, scales = setting.config.model, setting.scales
-    speech = encode_speech(params, config, scales, clip.speech, draws.speech_dropout)
+    speech = encode_speech(params, config, scales, jnp.asarray(clip.speech), draws.speech_dropout)
     if config.labels:
         style = StyleDistribution(jax.nn.one_hot(clip.label, len(config.labels)), None)
     else:
-        style = encode_style(params, config, scales, clip.example, clip.example_length, draws.style_dropout)
+        style = encode_style(params, config, scales, jnp.asarray(clip.example), clip.example_length, draws.style_dropout)
     drawn = reparameterise(style, draws.style)
     frames = speech.shape[0]
     first = jax.tree.map(lambda a: a[0], clip.poses)
