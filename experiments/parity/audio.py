@@ -9,6 +9,7 @@ import numpy as np
 from zeggs_jax.speech import features, wav
 
 from .golden import Row, compare, max_error, meta, read_arrays, read_case
+from .left_out import leave_out
 
 STAGE = "audio"
 MARGIN = 8  # over the resampler differences that case.json measured, as in the set's own tolerances
@@ -25,6 +26,7 @@ def check(golden: Path, reference: Path | None) -> Iterator[Row]:
         yield from _filters(read_arrays(folder / "mel_basis.npz"))
     for name, facts in case["wavs"].items():
         if not (folder / f"{name}.npz").exists():
+            leave_out(STAGE, f"{name}.npz", "not in this set")
             continue
         arrays = read_arrays(folder / f"{name}.npz")
         yield from _stages(case, name, facts, arrays)
@@ -33,6 +35,8 @@ def check(golden: Path, reference: Path | None) -> Iterator[Row]:
             path = reference / facts["file"].removeprefix("reference/") if reference else folder / "absent"
         if path.exists():
             yield from _file(case, name, facts, arrays, path)
+        else:
+            leave_out(STAGE, facts["file"], "needs --reference" if reference is None else "not there")
 
 
 def _filters(arrays: dict[str, np.ndarray]) -> Iterator[Row]:
@@ -44,19 +48,13 @@ def _filters(arrays: dict[str, np.ndarray]) -> Iterator[Row]:
     }
     for key, value in ours.items():
         expected = arrays[key]
-        yield Row(
-            STAGE, f"mel_basis/{key}", max_error(value, expected), 1e-12 * float(np.abs(expected).max())
-        )
+        yield Row(STAGE, f"mel_basis/{key}", max_error(value, expected), 1e-12 * float(np.abs(expected).max()))
 
 
-def _stages(
-    case: dict[str, Any], name: str, facts: dict[str, Any], arrays: dict[str, np.ndarray]
-) -> Iterator[Row]:
+def _stages(case: dict[str, Any], name: str, facts: dict[str, Any], arrays: dict[str, np.ndarray]) -> Iterator[Row]:
     """Each stage from the stored result of the stage before."""
     file, rows = f"{name}.npz", arrays["stage_rows"]
-    yield Row(
-        STAGE, f"{name}/loudness_lufs", abs(wav.loudness(arrays["waveform"]) - facts["loudness_lufs"]), 1e-5
-    )
+    yield Row(STAGE, f"{name}/loudness_lufs", abs(wav.loudness(arrays["waveform"]) - facts["loudness_lufs"]), 1e-5)
     amplitude = features.amplitude(arrays["normalized"])
     mel = amplitude @ features.mel_basis().T
     log_mel = features.log_mel(arrays["normalized"])
@@ -86,9 +84,7 @@ def _file(
     soxr = facts.get("other_resamplers_vs_sox", {}).get("soxr.HQ", {"max_abs": 0.0, "feature_max_abs": 0.0})
     yield Row(STAGE, f"{name}/waveform", max_error(wave, arrays["waveform"]), MARGIN * soxr["max_abs"])
     ours = features.extract(wave, as_released=True)
-    yield from _features(
-        case, name, ours, arrays["features"], "features from file", MARGIN * soxr["feature_max_abs"]
-    )
+    yield from _features(case, name, ours, arrays["features"], "features from file", MARGIN * soxr["feature_max_abs"])
 
 
 def _features(
@@ -101,6 +97,4 @@ def _features(
         if ours.shape != expected.shape:
             yield Row(STAGE, f"{name}/{label}, {part}", float("inf"), limit)
         else:
-            yield Row(
-                STAGE, f"{name}/{label}, {part}", max_error(ours[:, columns], expected[:, columns]), limit
-            )
+            yield Row(STAGE, f"{name}/{label}, {part}", max_error(ours[:, columns], expected[:, columns]), limit)

@@ -8,6 +8,7 @@ import numpy as np
 from zeggs_jax.zeroeggs import torch_pickle, torch_weights
 
 from .golden import Row, read_arrays, read_case
+from .left_out import leave_out
 
 STAGE = "convert"
 
@@ -26,6 +27,8 @@ def check(golden: Path, reference: Path | None) -> Iterator[Row]:
             expected = {name: array for name, array in stored.items() if name.startswith(f"{network}/")}
             yield Row(STAGE, f"{network}.pt", _different(ours, expected), 0.0)
             found |= ours
+        else:
+            leave_out(STAGE, path.name, "not in this set")
     if not found:
         raise ValueError(f"'{folder}' holds none of the networks that its case.json describes.")
     if {name.split("/")[0] for name in found} == set(torch_weights.NETWORKS):
@@ -37,8 +40,12 @@ def check(golden: Path, reference: Path | None) -> Iterator[Row]:
         decoder = [config.decoder.hidden, config.decoder.layers]
         expected = sizes["speech"] + sizes["style"] + [sizes["decoder_hidden"], sizes["layers"]]
         yield Row(STAGE, "sizes", float(speech + style + decoder != expected), 0.0)
+    else:
+        leave_out(STAGE, "there and back, sizes", "need all three networks")
     if reference is not None:
         yield from _published(reference)
+    else:
+        leave_out(STAGE, "published networks and statistics", "need --reference")
 
 
 def _published(reference: Path) -> Iterator[Row]:
@@ -51,10 +58,7 @@ def _published(reference: Path) -> Iterator[Row]:
         stats = read_arrays(reference / version / "stats.npz")
         scales = torch_weights.read_scales(stats, torch_weights.ZeroEggsConfig())
         for key, ours in zip(("audio_input", "anim_input", "anim_output"), scales, strict=True):
-            errors = [
-                np.abs(a - stats[f"{key}_{part}"].astype(np.float32)).max()
-                for part, a in ours._asdict().items()
-            ]
+            errors = [np.abs(a - stats[f"{key}_{part}"].astype(np.float32)).max() for part, a in ours._asdict().items()]
             yield Row(STAGE, f"{version}/stats.npz, {key}", float(max(errors)), 0.0)
 
 

@@ -14,6 +14,7 @@ from zeggs_jax.data.takes import takes
 from zeggs_jax.speech import wav
 
 from .golden import Row, compare, max_error, read_arrays, read_case
+from .left_out import leave_out
 
 STAGE = "dataset"
 PACE = (0.9, 1.0)
@@ -35,11 +36,17 @@ def check(golden: Path, reference: Path | None) -> Iterator[Row]:
                     config = PrepareConfig(as_released=True, pace=PACE, centre=centre)
                     prepared = prepare(folder / "input", Path(scratch) / file, config)
                     yield from _arrays(case, file, prepared, read_arrays(folder / file))
-        yield from _trimmed(folder, present, Path(scratch))
+        else:
+            leave_out(STAGE, "processed_data.npz, not_trimmed.npz", "need all of input/")
+        trimmed = list(_trimmed(folder, present, Path(scratch)))
+        yield from trimmed
+        for file in sorted(present):
+            if file.startswith("trimmed_") and not any(row.name.startswith(file) for row in trimmed):
+                leave_out(STAGE, file, "its clip is not in input/")
     if present >= {"windows.npz", "processed_data.npz"}:
-        yield from _windows(
-            case, read_arrays(folder / "windows.npz"), read_arrays(folder / "processed_data.npz")
-        )
+        yield from _windows(case, read_arrays(folder / "windows.npz"), read_arrays(folder / "processed_data.npz"))
+    else:
+        leave_out(STAGE, "windows.npz", "needs processed_data.npz and itself")
 
 
 def _arrays(case: dict[str, Any], file: str, p: Prepared, expected: dict[str, np.ndarray]) -> Iterator[Row]:
@@ -108,9 +115,7 @@ def _trimmed(folder: Path, present: set[str], scratch: Path) -> Iterator[Row]:
 
 def _same_bvh(ours: Path, theirs: Path) -> Iterator[Row]:
     """The hierarchy as text, up to the numbers; the motion as numbers."""
-    (head, motion), (expected_head, expected_motion) = (
-        path.read_text().split("MOTION", 1) for path in (ours, theirs)
-    )
+    (head, motion), (expected_head, expected_motion) = (path.read_text().split("MOTION", 1) for path in (ours, theirs))
     same = [word for word in head.split() if not _number(word)] == [
         word for word in expected_head.split() if not _number(word)
     ]
@@ -139,9 +144,7 @@ def _input(folder: Path, out: Path) -> Path | None:
     return out if kept else None
 
 
-def _windows(
-    case: dict[str, Any], stored: dict[str, np.ndarray], data: dict[str, np.ndarray]
-) -> Iterator[Row]:
+def _windows(case: dict[str, Any], stored: dict[str, np.ndarray], data: dict[str, np.ndarray]) -> Iterator[Row]:
     """Rows of style examples, frames of windows and labels, by the index that the release's loader uses."""
     spec, ranges, frames = case["windows"], data["ranges_train"], len(data["Y_root_pos"])
     counts = windows.window_count(ranges, spec["window"], as_released=True)

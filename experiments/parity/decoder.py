@@ -1,5 +1,6 @@
-"""Golden case `decoder`: the first step in detail, rollouts of 60 frames, and 16 frames out of one of 600."""
+"""Golden case `decoder`: the first step in detail, rollouts, and some frames (`frames`) out of a long one."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,10 @@ from zeggs_jax.zeroeggs.config import ZeroEggsConfig
 from zeggs_jax.zeroeggs.torch_weights import read_scales
 
 from .golden import Row, read_arrays, read_case, recipe
+from .left_out import leave_out
 from .networks import Arrays, parameters, rows, state_dict
 
 STAGE = "decoder"
-LONG = "v1_normal_long"
 
 
 def check(golden: Path, reference: Path | None) -> Iterator[Row]:
@@ -30,25 +31,41 @@ def check(golden: Path, reference: Path | None) -> Iterator[Row]:
         raise ValueError(f"'{folder}' holds none of the files that its case.json describes.")
     for file in present:
         name, arrays = file.removesuffix(".npz"), read_arrays(folder / file)
-        spec = case["configs"]["v1_normal" if name == LONG else name]
+        long = case.get(name) if name not in case["configs"] else None
+        spec = case["configs"].get(_weights_of(name, long))
+        if spec is None:
+            yield Row(STAGE, f"{name}: case.json does not say with which network", float("inf"), 0.0)
+            continue
         config = ZeroEggsConfig(
             frame_time=case["dt"],
             decoder=d.DecoderConfig(spec["hidden_size"], spec["num_rnn_layers"], spec["rnn_cond"]),
         )
         state = state_dict(case, file, arrays, spec)
         if reference is None or "in_root_pos" not in arrays:
-            if name != LONG:
+            why = "needs --reference" if reference is None else "needs the first pose, in_*"
+            leave_out(STAGE, name if long else f"{name}, the rollout", why)
+            if not long:
                 yield from rows(STAGE, case, file, arrays, _networks_alone(arrays, state, config), part=True)
             continue
         scales = read_scales(read_arrays(reference / "v1" / "stats.npz"), config)
-        if name == LONG:
-            arrays["speech"] = _long_speech(case[LONG], spec["speech_encoding_size"])
+        if long and "speech" not in arrays:
+            arrays["speech"] = _long_speech(long, spec["speech_encoding_size"])
         yield from rows(STAGE, case, file, arrays, _whole(arrays, state, config, scales))
 
 
+def _weights_of(name: str, long: dict[str, Any] | None) -> str:
+    """The config whose weights a file uses: its own, or for a long rollout the one in "weights": "as <config>"."""
+    found = re.match(r"as (\w+)", str(long.get("weights", ""))) if long else None
+    return found[1] if found else name
+
+
 def _long_speech(about: dict[str, Any], size: int) -> np.ndarray:
+    """The recipe's array; its name is the one quoted in case.json."""
     shape = (1, about["T"], size)
-    return recipe("long.speech", shape, about["recipe_seed"], float(np.sqrt(np.prod(shape[1:]))))
+    quoted = re.search(r"'([^']+)'", about.get("speech", ""))
+    return recipe(
+        quoted[1] if quoted else "long.speech", shape, about["recipe_seed"], float(np.sqrt(np.prod(shape[1:])))
+    )
 
 
 def _networks_alone(arrays: Arrays, state: Arrays, config: ZeroEggsConfig):
@@ -107,11 +124,7 @@ def _whole(arrays: Arrays, state: Arrays, config: ZeroEggsConfig, scales: Scales
 
 
 def _first(arrays: Arrays, dtype: Any) -> Pose:
-    part = {
-        key.removeprefix("in_"): jnp.asarray(value, dtype)
-        for key, value in arrays.items()
-        if key[:3] == "in_"
-    }
+    part = {key.removeprefix("in_"): jnp.asarray(value, dtype) for key, value in arrays.items() if key[:3] == "in_"}
     root = Root(part.pop("root_pos"), part.pop("root_rot"))
     return Pose(root, *(part[name] for name in ("root_vel", "root_vrt", "lpos", "ltxy", "lvel", "lvrt")))
 
