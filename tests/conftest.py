@@ -1,9 +1,20 @@
-"""Settings of every test: no silent rank promotion, no GPU, no compile cache."""
+"""Settings of every test: no silent rank promotion, no GPU, no compile cache; files that are not in the repository."""
 
 import os
+from pathlib import Path
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 import jax
+import pytest
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder ZEGGS_SHARED with golden/, reference/ and data/ (recorded vectors, licensed files), or a skip."""
+    folder = os.environ.get("ZEGGS_SHARED", "")
+    if not folder or not Path(folder).is_dir():
+        pytest.skip("needs the folder ZEGGS_SHARED (see CONTRIBUTING.md)")
+    return Path(folder)

@@ -8,7 +8,6 @@ import pytest
 from parity import bvh
 
 GOLDEN = Path(__file__).parents[1] / "golden"
-FULL = Path(__file__).parents[3] / "shared" / "golden"  # not in the repository; skipped where absent
 
 
 def test_every_row_passes():
@@ -17,9 +16,8 @@ def test_every_row_passes():
     assert [row for row in rows if not row.passed] == []
 
 
-@pytest.mark.skipif(not FULL.exists(), reason="the full set of vectors is not here")
-def test_every_row_of_the_full_set_passes():
-    rows = list(bvh.check(FULL))
+def test_every_row_of_the_full_set_passes(shared):
+    rows = list(bvh.check(shared / "golden"))
     assert len(rows) == 61
     assert [row for row in rows if not row.passed] == []
 

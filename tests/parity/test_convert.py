@@ -4,12 +4,10 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from parity import convert
 
 GOLDEN = Path(__file__).parents[1] / "golden"
-SHARED = Path(__file__).parents[3] / "shared"  # not in the repository; skipped where absent
 
 
 def test_every_row_passes():
@@ -29,8 +27,7 @@ def test_one_other_bit_is_seen(tmp_path):
     assert [row.error for row in convert.check(tmp_path, None)] == [1.0]
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="the whole set is not in the repository")
-def test_the_whole_set():
-    rows = list(convert.check(SHARED / "golden", SHARED / "reference"))
+def test_the_whole_set(shared):
+    rows = list(convert.check(shared / "golden", shared / "reference"))
     assert len(rows) == 13
     assert [row for row in rows if not row.passed] == []

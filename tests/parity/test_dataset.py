@@ -8,7 +8,6 @@ from parity import dataset
 from zeggs_jax.data import takes
 
 GOLDEN = Path(__file__).parents[1] / "golden"
-FULL = Path(__file__).parents[3] / "shared" / "golden"  # not in the repository; skipped where absent
 
 
 def test_every_row_passes():
@@ -18,10 +17,8 @@ def test_every_row_passes():
 
 
 @pytest.mark.slow
-def test_every_row_of_the_full_set_passes():
-    if not FULL.is_dir():
-        pytest.skip("the full set of vectors is not here")
-    rows = list(dataset.check(FULL, None))
+def test_every_row_of_the_full_set_passes(shared):
+    rows = list(dataset.check(shared / "golden", None))
     assert len(rows) > 40
     assert [row for row in rows if not row.passed] == []
 

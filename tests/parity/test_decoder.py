@@ -8,7 +8,6 @@ import pytest
 from parity import decoder
 
 GOLDEN = Path(__file__).parents[1] / "golden"
-SHARED = Path(__file__).parents[3] / "shared"  # not in the repository; skipped where absent
 
 
 def test_every_row_passes():
@@ -26,8 +25,7 @@ def test_a_fault_is_seen(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not SHARED.exists(), reason="the whole set is not in the repository")
-def test_the_whole_set():
-    rows = list(decoder.check(SHARED / "golden", SHARED / "reference"))
+def test_the_whole_set(shared):
+    rows = list(decoder.check(shared / "golden", shared / "reference"))
     assert any(row.name.startswith("v1_normal_long/") for row in rows)
     assert [row for row in rows if not row.passed] == []

@@ -9,7 +9,6 @@ from zeggs_jax.nn.layers import Conv
 from zeggs_jax.zeroeggs import speech_encoder as ours
 
 GOLDEN = Path(__file__).parents[1] / "golden"
-SHARED = Path(__file__).parents[3] / "shared"  # not in the repository; skipped where absent
 
 
 def test_every_row_passes():
@@ -31,8 +30,7 @@ def test_an_empty_folder_is_refused(tmp_path):
         list(speech_encoder.check(tmp_path, None))
 
 
-@pytest.mark.skipif(not (SHARED / "golden").exists(), reason="the whole set is not in the repository")
-def test_the_published_weights():
-    rows = list(speech_encoder.check(SHARED / "golden", SHARED / "reference"))
+def test_the_published_weights(shared):
+    rows = list(speech_encoder.check(shared / "golden", shared / "reference"))
     assert len(rows) == 42
     assert [row for row in rows if not row.passed] == []

@@ -9,7 +9,6 @@ from zeggs_jax.nn import attention
 from zeggs_jax.zeroeggs import style_encoder as ours
 
 GOLDEN = Path(__file__).parents[1] / "golden"
-SHARED = Path(__file__).parents[3] / "shared"  # not in the repository; skipped where absent
 
 
 def test_every_row_passes():
@@ -33,6 +32,5 @@ def test_faults_are_seen(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not SHARED.exists(), reason="the whole set is not in the repository")
-def test_the_whole_set():
-    assert [row for row in style_encoder.check(SHARED / "golden", None) if not row.passed] == []
+def test_the_whole_set(shared):
+    assert [row for row in style_encoder.check(shared / "golden", None) if not row.passed] == []

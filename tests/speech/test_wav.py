@@ -1,7 +1,5 @@
 """Speech files: every format reads alike, bad ones say why, loudness and silence stay finite."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import soundfile
@@ -9,8 +7,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from zeggs_jax.speech import wav
-
-REAL = Path(__file__).parents[3] / "shared" / "data" / "speech_clean"  # skipped where absent
 
 
 def tone(seconds: float = 1.0, rate_hz: int = 16000, hz: float = 440.0) -> np.ndarray:
@@ -148,8 +144,8 @@ def test_retime_shortens_and_raises_the_pitch():
     np.testing.assert_allclose(wav.retime(tone(), 1.0), tone(), atol=1e-6)
 
 
-def test_real_voices_read():
-    files = sorted(REAL.glob("*.wav"))
+def test_real_voices_read(shared):
+    files = sorted((shared / "data" / "speech_clean").glob("*.wav"))
     if not files:
         pytest.skip("no real voices here")
     for file in files:

@@ -5,7 +5,6 @@ import os
 import re
 import struct
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from hypothesis import strategies as st
 
 from zeggs_jax.zeroeggs import torch_pickle
 
-PUBLISHED = Path(__file__).parents[3] / "shared" / "reference"
 A, B = np.arange(6, dtype=np.float32).reshape(2, 3), np.array([0.5, -2.0], np.float32)
 
 
@@ -102,9 +100,7 @@ def test_every_other_name_is_refused(torch_file, tmp_path, module, name):
     refused(torch_file.archive(call), "was refused: it asks for")
     nested = torch_file.module({"weight": torch_file.tensor(0, (2, 3))}, hooks={"deep": [call]})
     refused(torch_file.archive(nested, [A]), "was refused: it asks for")
-    stacked = (
-        b"\x80\x04" + torch_file.pickled(module) + torch_file.pickled(name) + b"\x93(X\x01\x00\x00\x00atR."
-    )
+    stacked = b"\x80\x04" + torch_file.pickled(module) + torch_file.pickled(name) + b"\x93(X\x01\x00\x00\x00atR."
     refused(torch_file.archive(stacked), "was refused: it asks for")
     assert not flag.exists()
 
@@ -223,10 +219,9 @@ def test_a_damaged_pickle_gives_an_error_or_numbers(torch_file, data):
         assert all(isinstance(array, np.ndarray) for array in torch_pickle.read(file).values())
 
 
-@pytest.mark.skipif(not PUBLISHED.exists(), reason="the release's files are not in the repository")
 @pytest.mark.parametrize("version", ["v1", "v2"])
-def test_the_published_speech_encoder(version):
-    path = PUBLISHED / version / "speech_encoder.pt"
+def test_the_published_speech_encoder(version, shared):
+    path = shared / "reference" / version / "speech_encoder.pt"
     state = torch_pickle.read(path.read_bytes(), path.name)
     shapes = {name: array.shape for name, array in state.items()}
     assert shapes["layer0.weight"] == (64, 81, 1)
