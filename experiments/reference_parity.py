@@ -79,7 +79,7 @@ def main() -> None:
     if args.json:
         table = [{**row._asdict(), "passed": row.passed} for row in done]
         report = {"rows": table, "left_out": [entry._asdict() for entry in missed]}
-        args.json.write_text(json.dumps(report, indent=1) + "\n")
+        args.json.write_text(json.dumps(report, indent=1, default=float) + "\n")
     names = "; ".join(f"{entry.stage}/{entry.name} ({entry.why})" for entry in missed) or "nothing"
     print(f"{len(missed)} left out: {names}", file=sys.stderr, flush=True)
     print(f"{passed} passed, {len(done) - passed} failed")

@@ -1,5 +1,6 @@
 """The release's folders on disk, read for conversion, and our checkpoints written back as plain arrays."""
 
+import io
 import json
 import os
 import zipfile
@@ -49,9 +50,8 @@ def _json(path: Path) -> dict:
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    _bytes(path)
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with np.load(io.BytesIO(_bytes(path)), allow_pickle=False) as archive:
             return {key: archive[key] for key in archive.files}
-    except (ValueError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
+    except (ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"'{path}' is not a readable .npz of plain arrays; take a fresh copy of it.") from error
