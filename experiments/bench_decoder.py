@@ -57,9 +57,7 @@ def integrate(pos, rot, velocity, turn):
     angle = torch.linalg.norm(half) + 1e-8
     step = torch.cat([torch.cos(angle)[None], half * torch.sin(angle) / angle])
     w, v = step[0], step[1:]
-    turned = torch.cat(
-        [(w * rot[0] - v @ rot[1:])[None], w * rot[1:] + rot[0] * v + torch.linalg.cross(v, rot[1:])]
-    )
+    turned = torch.cat([(w * rot[0] - v @ rot[1:])[None], w * rot[1:] + rot[0] * v + torch.linalg.cross(v, rot[1:])])
     return pos + rotate(rot, velocity * DT), turned
 
 
@@ -105,9 +103,7 @@ def theirs(frames: int):
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=600)
     parser.add_argument("--repeats", type=int, default=7)
     args = parser.parse_args()
@@ -124,9 +120,7 @@ def main() -> None:
             times[name].append(1e3 * (time.perf_counter() - start) / args.frames)
     print(f"paper size, batch 1, {args.frames} frames, {cores} core(s), {args.repeats} interleaved repeats")
     for name, values in times.items():
-        print(
-            f"{name:14s} {statistics.median(values):6.2f} ms/frame   (min {min(values):.2f}, max {max(values):.2f})"
-        )
+        print(f"{name:14s} {statistics.median(values):6.2f} ms/frame   (min {min(values):.2f}, max {max(values):.2f})")
     ratio = statistics.median(times["PyTorch eager"]) / statistics.median(times["zeggs-jax"])
     print(f"ratio of medians: {ratio:.2f}x")
 

@@ -36,9 +36,7 @@ def say(text: str, path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", type=Path, help="the folder of the training run")
     parser.add_argument("--out", type=Path, default=BUNDLE)
     args = parser.parse_args()
@@ -48,9 +46,7 @@ def main() -> None:
         shutil.rmtree(args.out / folder, ignore_errors=True)
         (args.out / folder).mkdir(parents=True)
     for style in STYLES:
-        bvh.write(
-            args.out / "styles" / f"{style}.bvh", corpus.style_clip(style, STYLE_SECONDS, 30, STYLE_SEED)
-        )
+        bvh.write(args.out / "styles" / f"{style}.bvh", corpus.style_clip(style, STYLE_SECONDS, 30, STYLE_SEED))
     if shutil.which("espeak-ng"):
         say(TEXT, args.out / "speech" / "spoken.wav")
     sample = recording.speak(SAMPLE_SECONDS, SAMPLE_SEED).wave[: round(SAMPLE_SECONDS * wav.RATE_HZ)]

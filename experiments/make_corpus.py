@@ -110,9 +110,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=80.0, help="length of the corpus")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument(
-        "--synthetic-share", type=float, default=0.4, help="clips by our own voice where TTS exists"
-    )
+    parser.add_argument("--synthetic-share", type=float, default=0.4, help="clips by our own voice where TTS exists")
     arguments = parser.parse_args()
     clips = max(1, round(60.0 * arguments.minutes / (0.5 * sum(SECONDS))))
     takes = corpus.plan(corpus.CorpusConfig(clips=clips, seconds=SECONDS, seed=arguments.seed))

@@ -68,9 +68,7 @@ def measure(clip: bvh.Clip, speech: Path, centroids: recognition.Centroids) -> d
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("voices", type=Path, nargs="+")
     parser.add_argument("--checkpoint", type=Path, help="a model of your own; the bundled one when left out")
     parser.add_argument("--json", type=Path)
@@ -94,9 +92,7 @@ def main() -> None:
         if args.pages:
             args.pages.mkdir(parents=True, exist_ok=True)
             player.write(args.pages / f"{voice.stem}.html", figures, title=voice.stem)
-    drift = {
-        style: minute_drift(args.voices, style, model) for style in tqdm(styles, desc="60 s", unit="style")
-    }
+    drift = {style: minute_drift(args.voices, style, model) for style in tqdm(styles, desc="60 s", unit="style")}
     report(rows, jerk, drift, own_accuracy(statistics), args.json)
 
 
@@ -112,18 +108,18 @@ def report(
 ) -> None:
     """Prints the table by style and the figures over all, and writes them."""
     print(
-        f"{'style':10s} {'matched':>8s} {'shifted':>8s} {'recognised':>10s} {'jerk/truth':>10s} {'drift cm':>8s} {'outside':>8s}"
+        f"{'style':10s} {'matched':>8s} {'shifted':>8s} {'recognised':>10s} "
+        f"{'jerk/truth':>10s} {'drift cm':>8s} {'outside':>8s}"
     )
     for style in drift:
         of = [row for row in rows if row["style"] == style]
         mean = {
-            key: float(np.mean([row[key] for row in of]))
-            for key in ("matched", "shifted", "jerk", "outside_range")
+            key: float(np.mean([row[key] for row in of])) for key in ("matched", "shifted", "jerk", "outside_range")
         }
         known = float(np.mean([row["recognised"] == style for row in of]))
         print(
-            f"{style:10s} {mean['matched']:8.3f} {mean['shifted']:8.3f} {known:10.0%} {mean['jerk'] / jerk[style]:10.2f} "
-            f"{drift[style]:8.1f} {mean['outside_range']:8.2%}"
+            f"{style:10s} {mean['matched']:8.3f} {mean['shifted']:8.3f} {known:10.0%} "
+            f"{mean['jerk'] / jerk[style]:10.2f} {drift[style]:8.1f} {mean['outside_range']:8.2%}"
         )
     over_all = {
         "matched": float(np.mean([row["matched"] for row in rows])),

@@ -49,7 +49,7 @@ class Stage(NamedTuple):
     steps: int
 
 
-STAGES = (Stage(8, 60, 400), Stage(20, 24, 300), Stage(60, 8, 250), Stage(120, 4, 250))
+STAGES = (Stage(8, 60, 300), Stage(20, 24, 150), Stage(60, 8, 150), Stage(120, 4, 150))
 
 
 class Excerpt(NamedTuple):

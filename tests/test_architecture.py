@@ -77,23 +77,17 @@ def test_every_file_has_a_caption(path):
 def test_no_function_over_80_lines(path):
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.FunctionDef):
-            assert node.end_lineno - node.lineno < 80, (
-                f"{node.name} has {node.end_lineno - node.lineno + 1} lines"
-            )
+            assert node.end_lineno - node.lineno < 80, f"{node.name} has {node.end_lineno - node.lineno + 1} lines"
 
 
 def test_only_the_named_files_touch_the_disk():
     touching = set()
     for path in FILES:
         tree = ast.parse(path.read_text())
-        called = {
-            n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)
-        }
+        called = {n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
         modules = {a.name.split(".")[0] for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
         modules |= {
-            (n.module or "").split(".")[0]
-            for n in ast.walk(tree)
-            if isinstance(n, ast.ImportFrom) and not n.level
+            (n.module or "").split(".")[0] for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and not n.level
         }
         if (called | modules) & DISK_NAMES:
             touching.add(str(path.relative_to(PACKAGE)))

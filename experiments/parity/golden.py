@@ -55,9 +55,7 @@ def max_error(ours: Any, expected: Any) -> float:
 
 def compare(stage: str, case: dict[str, Any], file: str, key: str, ours: Any, expected: Any) -> Row:
     """A row for array `key` of `file`, at the tolerance that the set suggests."""
-    return Row(
-        stage, f"{file.removesuffix('.npz')}/{key}", max_error(ours, expected), allowed(case, file, key)
-    )
+    return Row(stage, f"{file.removesuffix('.npz')}/{key}", max_error(ours, expected), allowed(case, file, key))
 
 
 def recipe(name: str, shape: tuple[int, ...], seed: int, gain: float = 1.0) -> np.ndarray:

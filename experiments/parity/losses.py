@@ -55,9 +55,7 @@ def check(golden: Path, reference: Path | None = None) -> Iterator[Row]:
 def rows(case: dict[str, Any], key: str, ours: np.ndarray, theirs: np.ndarray) -> Iterator[Row]:
     """Loss values relative to themselves, gradients by quantile and norm, the rest by the largest error."""
     if key in ("terms", "total", "kl_weight", "kl_div"):
-        error = max_error(
-            np.divide(ours, theirs, where=theirs != 0, out=np.ones_like(theirs)), np.ones_like(theirs)
-        )
+        error = max_error(np.divide(ours, theirs, where=theirs != 0, out=np.ones_like(theirs)), np.ones_like(theirs))
         yield Row(STAGE, f"{key}, relative", error, RELATIVE)
     elif key.startswith("d"):
         yield from gradient_rows(STAGE, key, ours, theirs, allowed(case, FILE, key))
@@ -80,9 +78,7 @@ def gradient_rows(stage: str, name: str, ours: Any, theirs: Any, atol: float) ->
 def compute(case: dict[str, Any], stored: Arrays, dtype: Any) -> Arrays:
     """Our value of every output and intermediate array of the case."""
     described = case["files"][FILE]["arrays"]
-    given = {
-        key: stored[key].astype(dtype) for key in stored if described.get(key, {}).get("role") == "input"
-    }
+    given = {key: stored[key].astype(dtype) for key in stored if described.get(key, {}).get("role") == "input"}
     predicted, target = (pose_of(given, prefix) for prefix in ("O_", "W_"))
     style = StyleDistribution(jnp.asarray(given["mu"]), jnp.asarray(given["logvar"]))
     frame_time, gaze = case["dt"], jnp.asarray(given["W_gaze_pos"])

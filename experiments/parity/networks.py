@@ -24,19 +24,14 @@ def state_dict(case: dict[str, Any], file: str, arrays: Arrays, spec: dict[str, 
         shapes = {name: tensor["shape"] for name, tensor in made["tensors"].items()}
     else:
         described = case["files"][file]["arrays"]
-        shapes = {
-            key.removeprefix("w."): value["shape"] for key, value in described.items() if key.startswith("w.")
-        }
+        shapes = {key.removeprefix("w."): value["shape"] for key, value in described.items() if key.startswith("w.")}
         made = spec
     return {
-        name: recipe(name, tuple(shape), made["recipe_seed"], made.get("gain", 1.0))
-        for name, shape in shapes.items()
+        name: recipe(name, tuple(shape), made["recipe_seed"], made.get("gain", 1.0)) for name, shape in shapes.items()
     }
 
 
-def parameters(
-    network: str, state: Arrays, config: ZeroEggsConfig, dtype: Any = np.float32
-) -> dict[str, Any]:
+def parameters(network: str, state: Arrays, config: ZeroEggsConfig, dtype: Any = np.float32) -> dict[str, Any]:
     """Our parameters of one network ('speech_encoder', 'style_encoder', 'decoder') from its state_dict."""
     names = {ours: name for ours, name in torch_names(config).items() if name.startswith(f"{network}/")}
     arrays = {f"{network}/{name}": array.astype(dtype) for name, array in state.items()}
@@ -76,6 +71,4 @@ def rows(
                 value = value[(slice(None),) * kept["axis"] + (slice(None, None, kept["step"]),)]
             error = max_error(value, arrays[f"{key}__f64"])
             scale = about["f32_vs_f64"]["scale"]
-            yield Row(
-                stage, f"{file.removesuffix('.npz')}/{key}__f64", error, float64_error * max(scale, 1.0)
-            )
+            yield Row(stage, f"{file.removesuffix('.npz')}/{key}__f64", error, float64_error * max(scale, 1.0))

@@ -32,9 +32,7 @@ def check(golden: Path, reference: Path | None) -> Iterator[Row]:
             continue
         spec = case["configs"][file.removesuffix(".npz")]
         state = state_dict(case, file, arrays, spec)
-        tolerance = (
-            1e-6 if spec["type"] == "attn" else 1e-9
-        )  # the reference's positions are float32 in both runs
+        tolerance = 1e-6 if spec["type"] == "attn" else 1e-9  # the reference's positions are float32 in both runs
         run = lambda dtype, a=arrays, c=spec, s=state: _run(c, s, a, dtype)  # noqa: E731
         yield from rows(STAGE, case, file, arrays, run, tolerance)
 
@@ -50,9 +48,7 @@ def _positions(arrays: Arrays) -> Iterator[Row]:
 
 
 def _run(spec: dict[str, Any], state: Arrays, arrays: Arrays, dtype: Any) -> dict[str, Any]:
-    config = StyleEncoderConfig(
-        spec["type"], spec["hidden_size"], spec["style_embedding_size"], spec["use_vae"]
-    )
+    config = StyleEncoderConfig(spec["type"], spec["hidden_size"], spec["style_embedding_size"], spec["use_vae"])
     params = parameters(STAGE, state, ZeroEggsConfig(style=config), dtype)
 
     @jax.vmap

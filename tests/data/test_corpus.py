@@ -42,9 +42,7 @@ def test_a_table_gives_style_split_and_order(tmp_path):
 @pytest.mark.parametrize("inside", ["", "original"])
 def test_the_released_layout(tmp_path, inside):
     touch(tmp_path / inside, "t.bvh", "s.wav")
-    (tmp_path / inside / "s.csv").write_text(
-        "#,Name,Start,End\nR1,x,00:00.100,01:01.450\nX1,y,00:00.2,00:01\n"
-    )
+    (tmp_path / inside / "s.csv").write_text("#,Name,Start,End\nR1,x,00:00.100,01:01.450\nX1,y,00:00.2,00:01\n")
     row = "s.wav,09:30:09:15,09:30:10:00,09:30:10:12,09:30:11:42,Happy,t.bvh,TRUE"
     (tmp_path / "info.csv").write_text(f"{INFO}\n{row}\n")
     (entry,) = corpus.find(tmp_path)

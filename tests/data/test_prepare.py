@@ -82,9 +82,7 @@ def test_preparing_twice_gives_the_same_bytes(prepared: Prepared, corpus_folder,
     prepare(corpus_folder, tmp_path / "again")
     for file in sorted(prepared.folder.glob("*.npy")):
         assert file.read_bytes() == (tmp_path / "again" / file.name).read_bytes()
-    digests = [
-        json.loads((f / "manifest.json").read_text())["sha256"] for f in (prepared.folder, tmp_path / "again")
-    ]
+    digests = [json.loads((f / "manifest.json").read_text())["sha256"] for f in (prepared.folder, tmp_path / "again")]
     assert digests[0] == digests[1]
 
 
@@ -104,9 +102,7 @@ def test_paced_copies_follow_each_other(corpus_folder, tmp_path):
 def test_trimmed_clips_are_written_on_request(corpus_folder, tmp_path):
     prepare(corpus_folder, tmp_path / "out", PrepareConfig(save_trimmed=True))
     assert len(bvh.read(tmp_path / "out" / "trimmed" / "valid" / "calm" / "d.bvh").euler) == 45
-    ours, given = (
-        folder / "calm" / "d.wav" for folder in (tmp_path / "out" / "trimmed" / "valid", corpus_folder)
-    )
+    ours, given = (folder / "calm" / "d.wav" for folder in (tmp_path / "out" / "trimmed" / "valid", corpus_folder))
     np.testing.assert_array_equal(wav.read(ours), wav.read(given))
 
 

@@ -127,9 +127,7 @@ def test_no_window_fits(prepared: Prepared):
         batch(prepared, 0, 0, SMALL, "test")
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"window": 300}, {"example": (255, 512)}, {"example": (512, 256)}, {"batch": 0}]
-)
+@pytest.mark.parametrize("wrong", [{"window": 300}, {"example": (255, 512)}, {"example": (512, 256)}, {"batch": 0}])
 def test_a_config_that_does_not_fit_is_refused(wrong):
     with pytest.raises(ValueError, match="do not fit"):
         WindowConfig(**wrong)

@@ -62,9 +62,7 @@ def test_a_product_turns_by_the_right_factor_first(q, p, v, dtype):
     once = run(rotate, run(multiply, q, p, dtype=dtype), v, dtype=dtype)
     np.testing.assert_allclose(twice, once, atol=atol)
     np.testing.assert_allclose(np.linalg.norm(once), np.linalg.norm(v), atol=atol)
-    np.testing.assert_allclose(
-        run(Q.to_matrix, q, dtype=dtype) @ v, run(rotate, q, v, dtype=dtype), atol=atol
-    )
+    np.testing.assert_allclose(run(Q.to_matrix, q, dtype=dtype) @ v, run(rotate, q, v, dtype=dtype), atol=atol)
 
 
 def test_turning_x_a_quarter_about_z_gives_y():
@@ -157,9 +155,7 @@ def test_gimbal_lock_keeps_the_rotation(order, middle, dtype):
 
 
 _quaternion = {order: lambda e, order=order: Q.from_euler(e, order) for order in ORDERS}
-_there_and_back = {
-    order: lambda e, order=order: Q.to_euler(Q.from_euler(e, order), order) for order in ORDERS
-}
+_there_and_back = {order: lambda e, order=order: Q.to_euler(Q.from_euler(e, order), order) for order in ORDERS}
 _matrix_by_euler = {
     order: lambda q, order=order: Q.to_matrix(Q.from_euler(Q.to_euler(q, order), order)) for order in ORDERS
 }

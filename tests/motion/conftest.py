@@ -35,8 +35,7 @@ def smooth(rng: np.random.Generator, frames: int, *shape: int) -> np.ndarray:
     """A few slow sines per component."""
     t = np.arange(frames).reshape(-1, *(1 for _ in shape)) / 60
     return sum(
-        rng.normal(size=shape) * np.sin(rng.uniform(0.5, 6, shape) * t + rng.uniform(0, 6, shape))
-        for _ in range(3)
+        rng.normal(size=shape) * np.sin(rng.uniform(0.5, 6, shape) * t + rng.uniform(0, 6, shape)) for _ in range(3)
     )
 
 

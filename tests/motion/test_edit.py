@@ -47,9 +47,7 @@ def test_the_mirror_image_is_where_a_mirror_would_show_it(clip, keep_offsets):
     body = clip if keep_offsets else asymmetric(clip)
     image = edit.mirror(body, keep_offsets)
     across = np.asarray(body.skeleton.mirror_map())
-    np.testing.assert_allclose(
-        world_positions(image), world_positions(body)[:, across] * [-1, 1, 1], atol=1e-9
-    )
+    np.testing.assert_allclose(world_positions(image), world_positions(body)[:, across] * [-1, 1, 1], atol=1e-9)
 
 
 def test_the_mirror_keeps_the_body_where_asked(clip):
@@ -171,9 +169,7 @@ def test_another_body_is_refused_by_name(clip):
         match=r"^style example 'old\.bvh' has 10 joints, the model .* 11; first missing: 'Tail'\.$",
     ):
         edit.fit(clip, more, "style example 'old.bvh'")
-    with pytest.raises(
-        ValueError, match="has 10 joints, the model was trained on 9; first unknown: 'RightFoot'"
-    ):
+    with pytest.raises(ValueError, match="has 10 joints, the model was trained on 9; first unknown: 'RightFoot'"):
         edit.fit(clip, less, "style example 'old.bvh'")
     with pytest.raises(ValueError, match="has joint 'RightFoot' under another parent than 'Spine'"):
         edit.fit(clip, other, "style example 'old.bvh'")

@@ -20,9 +20,7 @@ def yawed(clip, turn: float, shift=(0.0, 0.0, 0.0)):
     every = np.broadcast_to(spin, rotations[:, 0].shape)
     with jax.enable_x64(True):
         rotations[:, 0] = quaternion.multiply(every, rotations[:, 0])
-        positions[:, 0] = quaternion.rotate(every, positions[:, 0]) + np.broadcast_to(
-            shift, positions[:, 0].shape
-        )
+        positions[:, 0] = quaternion.rotate(every, positions[:, 0]) + np.broadcast_to(shift, positions[:, 0].shape)
     return features.with_quaternions(clip, rotations, positions)
 
 
@@ -41,9 +39,7 @@ def test_there_and_back(clip):
 def test_features_do_not_depend_on_the_world(clip):
     motion, moved = encode(clip), encode(yawed(clip, 2.0, (30.0, 0.0, -70.0)))
     for field in ("root_vel", "root_ang", "joint_pos", "joint_axes", "joint_vel", "joint_ang"):
-        np.testing.assert_allclose(
-            getattr(moved.pose, field), getattr(motion.pose, field), atol=2e-4, err_msg=field
-        )
+        np.testing.assert_allclose(getattr(moved.pose, field), getattr(motion.pose, field), atol=2e-4, err_msg=field)
 
 
 def test_root_velocities_integrate_to_the_root(clip):
@@ -75,9 +71,7 @@ def test_velocities_are_backward_differences_and_the_first_extrapolated(clip):
 
 
 def test_gaze_is_100_cm_ahead_of_a_body_that_stands_still(clip):
-    still = clip._replace(
-        euler=clip.euler * 0, positions=np.tile(clip.skeleton.offsets, (len(clip.euler), 1, 1))
-    )
+    still = clip._replace(euler=clip.euler * 0, positions=np.tile(clip.skeleton.offsets, (len(clip.euler), 1, 1)))
     motion = encode(still)
     np.testing.assert_allclose(motion.gaze, [0, 0, 99], atol=1e-4)  # the spine stands 1 cm back
     np.testing.assert_allclose(
@@ -88,19 +82,13 @@ def test_gaze_is_100_cm_ahead_of_a_body_that_stands_still(clip):
 @pytest.mark.parametrize("turn", [np.pi, -np.pi])
 def test_facing_backwards_is_a_half_turn(clip, turn):
     """The release divides zero by zero here."""
-    still = clip._replace(
-        euler=clip.euler * 0, positions=np.tile(clip.skeleton.offsets, (len(clip.euler), 1, 1))
-    )
+    still = clip._replace(euler=clip.euler * 0, positions=np.tile(clip.skeleton.offsets, (len(clip.euler), 1, 1)))
     still.euler[:, 0, 1] = turn  # order zyx: about y
     motion = encode(still)
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(motion))
-    np.testing.assert_allclose(
-        np.abs(motion.pose.root.rot), np.tile([0, 0, 1, 0], (len(still.euler), 1)), atol=1e-6
-    )
+    np.testing.assert_allclose(np.abs(motion.pose.root.rot), np.tile([0, 0, 1, 0], (len(still.euler), 1)), atol=1e-6)
     np.testing.assert_allclose(motion.pose.root_ang, 0, atol=1e-3)
-    np.testing.assert_allclose(
-        motion.pose.joint_axes[:, 0], encode(yawed(still, 0.5)).pose.joint_axes[:, 0], atol=1e-6
-    )
+    np.testing.assert_allclose(motion.pose.joint_axes[:, 0], encode(yawed(still, 0.5)).pose.joint_axes[:, 0], atol=1e-6)
 
 
 @pytest.mark.parametrize("frames", [4, 5, 59])

@@ -57,9 +57,7 @@ def test_equal_to_one_joint_at_a_time(parents, with_frame):
 def test_moving_the_root_moves_the_world_rigidly():
     pose, turn = random_pose(8), random_pose(8, 5).root.rot
     shift = jnp.array([3.0, -2.0, 7.0])
-    moved_root = Root(
-        quaternion.rotate(turn, pose.root.pos) + shift, quaternion.multiply(turn, pose.root.rot)
-    )
+    moved_root = Root(quaternion.rotate(turn, pose.root.pos) + shift, quaternion.multiply(turn, pose.root.rot))
     a, b = forward(pose, PARENTS), forward(pose._replace(root=moved_root), PARENTS)
     m = np.asarray(quaternion.to_matrix(turn))
     np.testing.assert_allclose(b.pos, np.asarray(a.pos) @ m.T + np.asarray(shift), atol=1e-4)
@@ -84,9 +82,7 @@ def test_positions_alone_agree():
     rng = np.random.default_rng(0)
     pos, rot = rng.normal(size=(8, 3)).astype(np.float32), rng.normal(size=(8, 4)).astype(np.float32)
     rot /= np.linalg.norm(rot, axis=-1, keepdims=True)
-    world = chain(
-        World(jnp.asarray(pos), quaternion.to_matrix(rot), jnp.zeros((8, 3)), jnp.zeros((8, 3))), PARENTS
-    )
+    world = chain(World(jnp.asarray(pos), quaternion.to_matrix(rot), jnp.zeros((8, 3)), jnp.zeros((8, 3))), PARENTS)
     np.testing.assert_allclose(forward_positions(pos, rot, PARENTS), world.pos, atol=1e-6)
 
 

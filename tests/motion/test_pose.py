@@ -81,9 +81,7 @@ def test_integration_does_not_depend_on_the_world(seed):
 
 def test_gaze_is_seen_from_the_root():
     here = root(3, yaw=math.pi / 2)  # faces +X
-    np.testing.assert_allclose(
-        gaze_direction(here, here.pos + jnp.array([100.0, 0, 0])), [0, 0, 100], atol=1e-4
-    )
+    np.testing.assert_allclose(gaze_direction(here, here.pos + jnp.array([100.0, 0, 0])), [0, 0, 100], atol=1e-4)
 
 
 def test_rebasing_on_itself_is_the_origin_and_changes_nothing_else():

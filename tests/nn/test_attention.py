@@ -38,9 +38,7 @@ def test_attention_does_not_know_the_order_of_frames():
     layer = SelfAttention(heads=2, dropout=0.0)
     params = layer.init(KEY, x, ALL)
     order = jax.random.permutation(jax.random.key(3), 10)
-    np.testing.assert_allclose(
-        layer.apply(params, x[order], ALL), layer.apply(params, x, ALL)[order], atol=1e-6
-    )
+    np.testing.assert_allclose(layer.apply(params, x[order], ALL), layer.apply(params, x, ALL)[order], atol=1e-6)
 
 
 def test_masked_frames_are_not_seen(block):

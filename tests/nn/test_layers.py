@@ -104,9 +104,7 @@ def test_initialisers_are_pytorchs():
         Conv(64, 3, gain=2**0.5).init(KEY, jnp.zeros((2, 32)))["params"]["weight"],
         math.sqrt(2 * 6 / (3 * 96)),
     )
-    uniform_within(
-        Dense(384, gain=1.0).init(KEY, jnp.zeros(128))["params"]["weight"], math.sqrt(6 / (4 * 128))
-    )
+    uniform_within(Dense(384, gain=1.0).init(KEY, jnp.zeros(128))["params"]["weight"], math.sqrt(6 / (4 * 128)))
     gru = GRUCell(100).init(KEY, jnp.zeros(300), jnp.zeros(100))["params"]
     assert all(np.abs(leaf).max() <= 0.1 for leaf in gru.values())
     uniform_within(gru["weight_ih"], 0.1)
@@ -119,9 +117,7 @@ def test_against_pytorch():
     params = GRUCell(6).init(KEY, x, hidden)["params"]
     cell = torch.nn.GRUCell(9, 6)
     cell.load_state_dict({name: torch.tensor(np.asarray(leaf)) for name, leaf in params.items()})
-    theirs = (
-        cell(torch.tensor(np.asarray(x))[None], torch.tensor(np.asarray(hidden))[None])[0].detach().numpy()
-    )
+    theirs = cell(torch.tensor(np.asarray(x))[None], torch.tensor(np.asarray(hidden))[None])[0].detach().numpy()
     np.testing.assert_allclose(GRUCell(6).apply({"params": params}, x, hidden), theirs, atol=5e-7)
     frames = normal(9, 5, 12)
     theirs = torch.nn.functional.layer_norm(torch.tensor(np.asarray(frames)), (12,)).numpy()

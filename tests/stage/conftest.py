@@ -48,9 +48,7 @@ def clip() -> Clip:
 def foreign_clip() -> Clip:
     """A body whose joint names say nothing."""
     names = dict(zip(BONES, (f"n{k}" for k in range(len(BONES))), strict=True))
-    return make_clip(
-        20, bones={names[name]: (names.get(parent, ""), at) for name, (parent, at) in BONES.items()}
-    )
+    return make_clip(20, bones={names[name]: (names.get(parent, ""), at) for name, (parent, at) in BONES.items()})
 
 
 @pytest.fixture(scope="session")

@@ -68,9 +68,7 @@ def test_mirrored_limbs_get_equal_sizes(clip, sample):
     names = clip.skeleton.names
     sizes = {}
     for part in body.dress(clip.skeleton, sample).parts:
-        sizes.setdefault(names[part.stations[0].joint], []).append(
-            [(s.width, s.depth) for s in part.stations]
-        )
+        sizes.setdefault(names[part.stations[0].joint], []).append([(s.width, s.depth) for s in part.stations])
     for name in ("Arm", "ForeArm", "Hand", "HandIndex1", "UpLeg", "Leg"):
         for a, b in zip(sizes["Left" + name], sizes["Right" + name], strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-5)

@@ -11,17 +11,13 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 def test_one_drawing_for_each_clip_and_time(tmp_path, clip):
-    figures.pose_strip(
-        tmp_path / "s.svg", [clip, clip], labels=["Old & <tired>", "Happy"], times=[0.0, 0.5, 2.0]
-    )
+    figures.pose_strip(tmp_path / "s.svg", [clip, clip], labels=["Old & <tired>", "Happy"], times=[0.0, 0.5, 2.0])
     root = ET.parse(tmp_path / "s.svg").getroot()
     assert root.tag == SVG + "svg"
     assert len(root.findall(SVG + "g")) == 6
     assert [text.text for text in root.findall(SVG + "text")] == ["Old & <tired>", "Happy"]
     known = {gradient.get("id") for gradient in root.iter(SVG + "linearGradient")}
-    filled = {
-        path.get("fill")[5:-1] for path in root.iter(SVG + "path") if path.get("fill").startswith("url")
-    }
+    filled = {path.get("fill")[5:-1] for path in root.iter(SVG + "path") if path.get("fill").startswith("url")}
     assert filled == known
 
 
@@ -45,9 +41,7 @@ def test_the_camera_keeps_lengths_and_faces_the_character():
     view = figures.camera(0.7, 0.2)
     np.testing.assert_allclose(view @ view.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(view) == pytest.approx(1.0)
-    np.testing.assert_allclose(
-        figures.camera(0.0, 0.0), np.eye(3), atol=1e-12
-    )  # +z looks at us, its left on our right
+    np.testing.assert_allclose(figures.camera(0.0, 0.0), np.eye(3), atol=1e-12)  # +z looks at us, its left on our right
 
 
 def test_paths_come_back_to_their_points():

@@ -33,12 +33,8 @@ PROBE = """<script>
 def test_the_browser_shows_our_kinematics(tmp_path, clip, speech):
     path, times = tmp_path / "page.html", [0.0, 0.7, 1.95]
     player.write(path, [Figure("a", clip, speech), Figure("b", clip)])
-    path.write_text(
-        path.read_text("utf-8").replace("</body>", PROBE.replace("TIMES", json.dumps(times))), "utf-8"
-    )
-    flags = [
-        f"--disable-{what}" for what in ("gpu", "quic", "background-networking", "component-update", "sync")
-    ]
+    path.write_text(path.read_text("utf-8").replace("</body>", PROBE.replace("TIMES", json.dumps(times))), "utf-8")
+    flags = [f"--disable-{what}" for what in ("gpu", "quic", "background-networking", "component-update", "sync")]
     flags += ["--headless", "--no-sandbox", "--no-first-run", f"--user-data-dir={tmp_path / 'profile'}"]
     command = [
         str(BROWSER),

@@ -57,9 +57,7 @@ def test_translated_joints_are_kept(tmp_path, clip):
 @pytest.mark.parametrize(("unit", "metres"), [(1.0, 0.01), (0.01, 1.0), (10.0, 0.001), (1 / 2.54, 0.0254)])
 def test_units_are_found_by_the_body_s_height(tmp_path, clip, unit, metres):
     skeleton = type(clip.skeleton)(clip.skeleton.names, clip.skeleton.parents, clip.skeleton.offsets * unit)
-    player.write(
-        tmp_path / "a.html", [Figure("a", clip._replace(skeleton=skeleton, positions=clip.positions * unit))]
-    )
+    player.write(tmp_path / "a.html", [Figure("a", clip._replace(skeleton=skeleton, positions=clip.positions * unit))])
     (figure,) = scene_of(tmp_path / "a.html")["figures"]
     assert 1.5 < figure["stature"] < 1.9
     np.testing.assert_allclose(figure["offsets"][1], metres * unit * clip.skeleton.offsets[1], atol=2e-5)
@@ -79,9 +77,7 @@ def test_nothing_is_fetched(tmp_path, clip, speech):
     player.write(tmp_path / "a.html", [Figure("a", clip, speech)])
     text = (tmp_path / "a.html").read_text("utf-8")
     assert "default-src 'none'" in text
-    assert not re.search(
-        r"https?://|\bsrc\s*=|@import|<link(?! rel=\"icon\" href=\"data:)|fetch\(|XMLHttp|\{\{", text
-    )
+    assert not re.search(r"https?://|\bsrc\s*=|@import|<link(?! rel=\"icon\" href=\"data:)|fetch\(|XMLHttp|\{\{", text)
 
 
 def test_names_cannot_break_the_page(tmp_path, clip):
@@ -131,9 +127,7 @@ def test_a_minute_of_four_bodies_is_a_few_megabytes(tmp_path, clip):
 
 
 def test_one_frame_is_enough(tmp_path, clip):
-    player.write(
-        tmp_path / "a.html", [Figure("a", clip._replace(euler=clip.euler[:1], positions=clip.positions[:1]))]
-    )
+    player.write(tmp_path / "a.html", [Figure("a", clip._replace(euler=clip.euler[:1], positions=clip.positions[:1]))])
     assert scene_of(tmp_path / "a.html")["figures"][0]["frames"] == 1
 
 

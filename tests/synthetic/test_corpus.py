@@ -11,9 +11,7 @@ from zeggs_jax.motion import bvh
 from zeggs_jax.speech import wav
 from zeggs_jax.synthetic import corpus, prosody
 
-CONFIG = corpus.CorpusConfig(
-    clips=3, seconds=(4.0, 6.0), seed=7, styles=("neutral", "sad"), random_share=0.34
-)
+CONFIG = corpus.CorpusConfig(clips=3, seconds=(4.0, 6.0), seed=7, styles=("neutral", "sad"), random_share=0.34)
 
 
 @pytest.fixture(scope="module")
@@ -55,9 +53,7 @@ def test_same_config_same_bytes(folder, tmp_path):
     take = corpus.plan(CONFIG)[1]
     corpus.write_take(tmp_path, take, corpus.recording.speak(take.seconds, take.seed))
     for suffix in ("wav", "bvh", "json"):
-        assert (tmp_path / f"{take.name}.{suffix}").read_bytes() == (
-            folder / f"{take.name}.{suffix}"
-        ).read_bytes()
+        assert (tmp_path / f"{take.name}.{suffix}").read_bytes() == (folder / f"{take.name}.{suffix}").read_bytes()
 
 
 def test_plan_covers_styles_and_splits():

@@ -161,9 +161,7 @@ def test_factors_show_in_the_motion():
     lean = {n: (joint(n, "Spine3") - joint(n, "Hips"))[:, 2].mean() for n in ("relaxed", "neutral", "old")}
     assert lean["relaxed"] < lean["neutral"] < lean["old"]
     assert joint("sneaky", "Hips")[:, 1].mean() < joint("neutral", "Hips")[:, 1].mean() - 4.0
-    speed = {
-        n: np.abs(np.diff(joint(n, "RightHand"), axis=0)).mean() for n in ("still", "sad", "neutral", "angry")
-    }
+    speed = {n: np.abs(np.diff(joint(n, "RightHand"), axis=0)).mean() for n in ("still", "sad", "neutral", "angry")}
     assert list(speed.values()) == sorted(speed.values())
     nod = {n: np.ptp(joint(n, "HeadEnd")[:, 1] - joint(n, "Neck")[:, 1]) for n in ("neutral", "agreement")}
     assert nod["agreement"] > 3.0 * nod["neutral"]
@@ -181,8 +179,6 @@ def test_example_clips_come_by_name_or_factors():
 def test_impossible_performances_are_refused():
     with pytest.raises(ValueError, match="0 frames"):
         gestures.perform(speech()[0], factors("happy"), 0)
-    other = clip("neutral")._replace(
-        skeleton=clip("neutral").skeleton.__class__(("Hips",), (-1,), np.zeros((1, 3)))
-    )
+    other = clip("neutral")._replace(skeleton=clip("neutral").skeleton.__class__(("Hips",), (-1,), np.zeros((1, 3))))
     with pytest.raises(ValueError, match="Spine"):
         ranges.share_outside_range(other)

@@ -38,8 +38,7 @@ def test_stressed_vowels_are_louder_than_weak_words():
     wave, words = voice.speak(sentences.monologue(5, 40), 5)
     level = prosody.envelope(wave)
     at = {
-        stressed: [level[int(w.nucleus * 100)] for w in words if w.stressed == stressed]
-        for stressed in (True, False)
+        stressed: [level[int(w.nucleus * 100)] for w in words if w.stressed == stressed] for stressed in (True, False)
     }
     assert np.mean(at[True]) > 1.5 * np.mean(at[False])
 

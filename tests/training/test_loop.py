@@ -1,4 +1,4 @@
-"""The loop on a small quadratic: it learns, resumes to the same bits, stops cleanly, and never saves what is not finite."""
+"""The loop on a small quadratic: it learns, resumes to the same bits, stops cleanly, never saves what is not finite."""
 
 import json
 import os
@@ -107,7 +107,7 @@ def test_a_gradient_that_is_not_finite_stops_too(tmp_path):
         return error, {"error": error}
 
     step = loop.make_step(root, OPTIMISER, 0)
-    with pytest.raises(ValueError, match="update 0 .*'gradient' is not finite; there is no checkpoint yet"):
+    with pytest.raises(ValueError, match=r"update 0 .*'gradient' is not finite; there is no checkpoint yet"):
         loop.fit(start(), step, batches, tmp_path, PLAN._replace(checkpoint_every=1), save, progress=False)
 
 

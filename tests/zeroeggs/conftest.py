@@ -55,9 +55,7 @@ def make_small(conditioning: str = "normal", layers: int = 2, frames: int = FRAM
         decoder=m.DecoderConfig(hidden=16, layers=layers, conditioning=conditioning),  # pyright: ignore
     )
     rng, n = np.random.default_rng(seed), config.vector_size
-    scales = Scales(
-        *(Scale(single(rng.normal(size=k)), single(rng.uniform(0.5, 1.5, k))) for k in (9, n + 3, n))
-    )
+    scales = Scales(*(Scale(single(rng.normal(size=k)), single(rng.uniform(0.5, 1.5, k))) for k in (9, n + 3, n)))
     shapes = jax.eval_shape(lambda: m.init(jax.random.key(0), config))
     params = jax.tree.map(lambda a: single(rng.normal(size=a.shape) / a.shape[-1] ** 0.5), shapes)
     speech, style, gaze = (single(rng.normal(size=(frames, k)) * by) for k, by in ((5, 1), (4, 1), (3, 100)))
@@ -135,15 +133,11 @@ class TorchFile:
 
     def tensor(self, storage, shape, strides=None, offset=0, kind="FloatStorage", count=None, size=0):
         """A parameter whose numbers are in entry data/<storage>."""
-        strides = (
-            tuple(int(np.prod(shape[i + 1 :])) for i in range(len(shape))) if strides is None else strides
-        )
+        strides = tuple(int(np.prod(shape[i + 1 :])) for i in range(len(shape))) if strides is None else strides
         count = int(np.prod(shape)) if count is None else count
         pid = ("storage", Global("torch", kind), str(storage), "cuda:0", count)
         hooks = Call(Global("collections", "OrderedDict"), ())
-        tensor = Call(
-            Global("torch._utils", "_rebuild_tensor_v2"), (Stored(pid), offset, shape, strides, False, hooks)
-        )
+        tensor = Call(Global("torch._utils", "_rebuild_tensor_v2"), (Stored(pid), offset, shape, strides, False, hooks))
         return Call(Global("torch._utils", "_rebuild_parameter"), (tensor, True, hooks))
 
     def module(self, parameters=None, children=None, **extra) -> Build:

@@ -96,9 +96,7 @@ def test_turning_and_moving_the_world_turns_and_moves_the_root_alone(small):
     turn, move = jnp.array([jnp.cos(0.4), 0.0, jnp.sin(0.4), 0.0]), jnp.array([20.0, 0.0, -30.0])
 
     def carried(pos):
-        return quaternion.rotate(jnp.broadcast_to(turn, (*pos.shape[:-1], 4)), pos) + jnp.broadcast_to(
-            move, pos.shape
-        )
+        return quaternion.rotate(jnp.broadcast_to(turn, (*pos.shape[:-1], 4)), pos) + jnp.broadcast_to(move, pos.shape)
 
     def carry(pose: Pose) -> Pose:
         rot = quaternion.multiply(jnp.broadcast_to(turn, pose.root.rot.shape), pose.root.rot)
@@ -123,9 +121,7 @@ def test_the_root_is_the_sum_of_its_velocities(small):
 
 
 def test_gradients_are_finite(clip):
-    grads = jax.jit(jax.grad(lambda p: sum(a.sum() for a in jax.tree.leaves(clip.decode(params=p)))))(
-        clip.params
-    )
+    grads = jax.jit(jax.grad(lambda p: sum(a.sum() for a in jax.tree.leaves(clip.decode(params=p)))))(clip.params)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(grads["decoder"]))
     assert all(np.abs(leaf).max() > 0 for leaf in jax.tree.leaves(grads["decoder"]))
 

@@ -136,7 +136,9 @@ def test_batches_compile_under_grad():
         return losses.total(jax.tree.map(jnp.mean, clips(predicted, batch, GAZE, PARENTS, FRAME_TIME)), 0.0)
 
     other = jax.tree.map(lambda x: x[::-1], batch)
-    alone = [losses.total(loss(*pair, GAZE), 0.0) for pair in ((make_pose(1), make_pose(0)), (make_pose(0), make_pose(1)))]
+    alone = [
+        losses.total(loss(*pair, GAZE), 0.0) for pair in ((make_pose(1), make_pose(0)), (make_pose(0), make_pose(1)))
+    ]
     value, gradient = jax.jit(jax.value_and_grad(total))(other)
     assert float(value) == pytest.approx(float(sum(alone)) / 2, rel=1e-5)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradient))
@@ -152,7 +154,9 @@ def test_divergence():
     assert float(losses.kl(StyleDistribution(jnp.ones(4), None))) == 0.0
 
 
-@pytest.mark.parametrize(("step", "weight"), [(0, 5.2e-17), (6000, 5.5e-4), (7000, 0.0759), (7222, 0.1994), (7223, 0.2)])
+@pytest.mark.parametrize(
+    ("step", "weight"), [(0, 5.2e-17), (6000, 5.5e-4), (7000, 0.0759), (7222, 0.1994), (7223, 0.2)]
+)
 def test_the_divergence_comes_in_slowly(step, weight):
     assert float(jax.jit(losses.kl_weight)(step)) == pytest.approx(weight, rel=0.01)
     assert float(losses.kl_weight(160_000)) == pytest.approx(0.2)

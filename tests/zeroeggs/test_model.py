@@ -62,9 +62,7 @@ def test_encode_speech_scales_its_features(small):
     raw = scale.invert(small.scales.speech, features)
     unit = small.scales._replace(speech=scale.Scale(jnp.zeros(9), jnp.ones(9)))
     expected = m.encode_speech(small.params, small.config, unit, features)
-    np.testing.assert_allclose(
-        m.encode_speech(small.params, small.config, small.scales, raw), expected, atol=1e-5
-    )
+    np.testing.assert_allclose(m.encode_speech(small.params, small.config, small.scales, raw), expected, atol=1e-5)
 
 
 def test_encode_style_sees_no_gaze(small):

@@ -41,9 +41,7 @@ def test_padding_changes_nothing(encode, example):
     for value in (0.0, 1e4, jnp.nan):
         for ours, expected in zip(encode(padded(example, value), LENGTH), plain, strict=True):
             if expected is not None:
-                np.testing.assert_allclose(
-                    ours, expected, rtol=0, atol=3e-7
-                )  # sums of another length round apart
+                np.testing.assert_allclose(ours, expected, rtol=0, atol=3e-7)  # sums of another length round apart
 
 
 def test_what_stands_in_the_padding_does_not_matter_at_all(encode, example):

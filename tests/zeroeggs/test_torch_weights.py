@@ -120,9 +120,7 @@ def release(torch_file, style="attn"):
     config, params = make(style)
     arrays = torch_weights.to_torch(params, config)
     networks = {
-        network: torch_file.network(
-            {k.split("/")[1]: a for k, a in arrays.items() if k.startswith(f"{network}/")}
-        )
+        network: torch_file.network({k.split("/")[1]: a for k, a in arrays.items() if k.startswith(f"{network}/")})
         for network in torch_weights.NETWORKS
         if network != "style_encoder" or not config.labels
     }

@@ -2,8 +2,10 @@
 
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +14,7 @@ import pytest
 
 from zeggs_jax.data.prepare import prepare
 from zeggs_jax.data.prepared import load
-from zeggs_jax.data.windows import WindowConfig, batch
+from zeggs_jax.data.windows import Batch, WindowConfig, batch
 from zeggs_jax.motion import bvh
 from zeggs_jax.motion.skeleton import Skeleton
 from zeggs_jax.speech import wav
@@ -74,10 +76,13 @@ def test_a_run_leaves_its_log_and_checkpoints(run):
 
 
 def test_a_resumed_run_has_the_numbers_of_an_unbroken_one(run, corpus, tmp_path):
-    t.train(corpus, tmp_path, replace(TINY, steps=2), progress=False)
-    state = t.train(corpus, tmp_path, TINY, progress=False)
-    assert log_of(tmp_path) == log_of(run)
-    ours, theirs = (checkpoint.load(loop.checkpoints(folder)[-1])[0] for folder in (tmp_path, run))
+    """As after a kill: the log has lines of updates that no checkpoint holds."""
+    killed = tmp_path / "killed"
+    shutil.copytree(run, killed)
+    checkpoint.remove(loop.checkpoints(killed)[-1])
+    state = t.train(corpus, killed, TINY, progress=False)
+    assert log_of(killed) == log_of(run)
+    ours, theirs = (checkpoint.load(loop.checkpoints(folder)[-1])[0] for folder in (killed, run))
     jax.tree.map(np.testing.assert_array_equal, ours, theirs)
     jax.tree.map(np.testing.assert_array_equal, state.params, theirs["params"])
 
@@ -149,6 +154,7 @@ def test_a_damaged_checkpoint_does_not_resume(run, corpus, tmp_path):
         t.train(corpus, tmp_path / "run", replace(TINY, steps=8), progress=False)
 
 
+@pytest.mark.slow
 def test_bad_numbers_in_the_corpus_stop_the_run(corpus, tmp_path):
     """The term and the update are named, the last good checkpoint stays."""
     shutil.copytree(corpus, tmp_path / "arrays")
@@ -166,21 +172,36 @@ def test_labels_must_be_the_corpus_styles(corpus, tmp_path):
         t.train(corpus, tmp_path / "run", wrong, progress=False)
 
 
-def batch_and_draws(corpus, config: t.TrainConfig, k: int = 0):
+class Example(NamedTuple):
+    """A batch of the corpus, its draws and the jitted loss of both."""
+
+    params: m.Params
+    clips: Batch
+    draws: t.Draws
+    setting: t.Setting
+    loss: Callable[..., Any]  # of draws -> total, metrics
+
+
+@pytest.fixture(scope="session")
+def example(corpus) -> Example:
     prepared = load(corpus)
-    config = t.fit_config(config, prepared)
+    config = t.fit_config(TINY, prepared)
     setting = t.Setting(config, prepared.scales, prepared.skeleton.parents)
-    keys = jax.random.split(jax.random.key(k), config.windows.batch)
-    draws = jax.vmap(lambda key: t.draw(key, config.model))(keys)
-    return setting, batch(prepared, 0, k, config.windows), draws
+    params, clips = m.init(jax.random.key(0), config.model), batch(prepared, 0, 0, config.windows)
+    loss = jax.jit(lambda draws: t.batch_loss(params, clips, draws, 20_000, setting))
+    return Example(params, clips, draws_of(0, config), setting, loss)
 
 
-def test_the_loss_of_a_batch_is_the_mean_of_its_clips(corpus):
-    setting, clips, draws = batch_and_draws(corpus, TINY)
-    params = m.init(jax.random.key(0), setting.config.model)
-    total, metrics = jax.jit(lambda p: t.batch_loss(p, clips, draws, 20_000, setting))(params)
-    single = jax.jit(lambda p, clip, draw: t.clip_loss(p, clip, draw, setting))
-    alone = [single(params, *jax.tree.map(lambda a, i=i: a[i], (clips, draws))) for i in range(2)]
+def draws_of(seed: int, config: t.TrainConfig) -> t.Draws:
+    keys = jax.random.split(jax.random.key(seed), config.windows.batch)
+    return jax.vmap(lambda key: t.draw(key, config.model))(keys)
+
+
+def test_the_loss_of_a_batch_is_the_mean_of_its_clips(example):
+    total, metrics = example.loss(example.draws)
+    single = jax.jit(lambda clip, draw: t.clip_loss(example.params, clip, draw, example.setting))
+    pairs = [jax.tree.map(lambda a, i=i: a[i], (example.clips, example.draws)) for i in range(2)]
+    alone = [single(*pair) for pair in pairs]
     for name in t.Terms._fields:
         mean = np.mean([getattr(terms, name) for terms, _ in alone])
         assert float(metrics[name]) == pytest.approx(float(mean), rel=1e-4)
@@ -188,17 +209,11 @@ def test_the_loss_of_a_batch_is_the_mean_of_its_clips(corpus):
     assert float(total) == pytest.approx(sum(float(v) for v in metrics.values()) / 18, rel=1e-5)
 
 
-def test_dropout_and_style_are_drawn_anew(corpus):
-    """Each key of the draws changes the loss; without dropout keys the draw of the style alone does."""
-    setting, clips, draws = batch_and_draws(corpus, TINY)
-    params = m.init(jax.random.key(0), setting.config.model)
-    loss = jax.jit(lambda d: t.batch_loss(params, clips, d, 0, setting)[0])
-    other = batch_and_draws(corpus, TINY, 1)[2]
-    values = [float(loss(draws))] + [float(loss(draws._replace(**{f: getattr(other, f)}))) for f in draws._fields]
-    assert len(set(values)) == 4
-    still = draws._replace(speech_dropout=None, style_dropout=None)
-    assert float(loss(still)) == float(loss(still))
-    assert float(loss(still)) != float(loss(still._replace(style=other.style)))
+def test_style_and_both_dropouts_are_drawn(example):
+    other = draws_of(1, example.setting.config)
+    drawn = [example.draws, *(example.draws._replace(**{f: getattr(other, f)}) for f in other._fields)]
+    assert len({float(example.loss(draws)[0]) for draws in drawn}) == 4
+    assert float(example.loss(other)[0]) == float(example.loss(other)[0])
 
 
 @pytest.mark.slow
@@ -236,9 +251,14 @@ def test_defaults_are_the_papers():
 
 
 def test_a_corpus_is_prepared_once(corpus, tmp_path, monkeypatch):
-    assert t.prepared(corpus, tmp_path) == corpus
     made = []
-    monkeypatch.setattr(t.preparation, "prepare", lambda *args: (made.append(args), shutil.copytree(corpus, args[1])))
+
+    def fake(folder, out, config):
+        made.append((folder, out))
+        shutil.copytree(corpus, out, dirs_exist_ok=True)
+
+    monkeypatch.setattr(t.preparation, "prepare", fake)
+    assert t.prepared(corpus, tmp_path) == corpus
     assert t.prepared(corpus.parent, tmp_path) == tmp_path / "prepared"
     assert t.prepared(corpus.parent, tmp_path) == tmp_path / "prepared"
     assert made == [(corpus.parent, tmp_path / "prepared")]

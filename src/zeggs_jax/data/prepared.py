@@ -59,9 +59,7 @@ def load(folder: str | Path) -> Prepared:
         return _load(folder)
     except (ValueError, TypeError, KeyError, IndexError, OSError, EOFError, zipfile.BadZipFile) as error:
         reason = str(error).splitlines()[0].rstrip(".")
-        raise ValueError(
-            f"The prepared '{folder}' is damaged ({reason}); run `zeggs prepare` again."
-        ) from error
+        raise ValueError(f"The prepared '{folder}' is damaged ({reason}); run `zeggs prepare` again.") from error
 
 
 def _load(folder: Path) -> Prepared:

@@ -46,9 +46,7 @@ class WindowConfig:
             )
 
 
-def batch(
-    prepared: Prepared, seed: int, k: int, config: WindowConfig = WindowConfig(), split: str = "train"
-) -> Batch:
+def batch(prepared: Prepared, seed: int, k: int, config: WindowConfig = WindowConfig(), split: str = "train") -> Batch:
     """Batch number k: windows drawn evenly from all clips of the split, example lengths from all even ones.
 
     An example lies around its window, shifted where the clip ends, and shorter than drawn only where the
@@ -68,9 +66,7 @@ def batch(
         example_length[b] = len(rows)
         example[b, : len(rows)] = prepared.pose[rows]
     windows = [slice(start, start + config.window) for start in first]
-    root = Root(
-        *(jnp.asarray(np.stack([x[w] for w in windows])) for x in (prepared.root_pos, prepared.root_rot))
-    )
+    root = Root(*(jnp.asarray(np.stack([x[w] for w in windows])) for x in (prepared.root_pos, prepared.root_rot)))
     return Batch(
         speech=np.stack([prepared.speech[w] for w in windows]),
         poses=_unpack(np.stack([prepared.pose[w] for w in windows]), root),
@@ -81,9 +77,7 @@ def batch(
     )
 
 
-def window_count(
-    ranges: Int32[np.ndarray, "C 2"], window: int, as_released: bool = False
-) -> Int32[np.ndarray, " C"]:
+def window_count(ranges: Int32[np.ndarray, "C 2"], window: int, as_released: bool = False) -> Int32[np.ndarray, " C"]:
     """Windows in each clip; the release never uses a clip's last frame, nor a clip of just one window."""
     frames = ranges[:, 1] - ranges[:, 0]
     return np.maximum(frames - window + (0 if as_released else 1), 0).astype(np.int32)

@@ -31,7 +31,7 @@ def correlation(a: Float[np.ndarray, " T"], b: Float[np.ndarray, " T"]) -> float
 
 
 def agreement(
-    speed: Float[np.ndarray, " T"], energy: Float[np.ndarray, " T"], rate_hz: float, max_lag: float = 0.2
+    speed: Float[np.ndarray, " T"], energy: Float[np.ndarray, " E"], rate_hz: float, max_lag: float = 0.2
 ) -> Agreement:
     """Correlates smoothed hand speed with smoothed speech energy, at the best lag within +-max_lag seconds.
 
@@ -42,9 +42,7 @@ def agreement(
         ValueError: lengths differ, or the clip is too short to shift.
     """
     if len(speed) != len(energy):
-        raise ValueError(
-            f"hand speed has {len(speed)} frames and speech {len(energy)}; cut them to one length."
-        )
+        raise ValueError(f"hand speed has {len(speed)} frames and speech {len(energy)}; cut them to one length.")
     if len(speed) < 3 * MIN_SHIFT * rate_hz:
         raise ValueError(f"{len(speed)} frames are too few to shift by {MIN_SHIFT:g} s; use 3 s or more.")
     speed, energy = smooth(speed, rate_hz), smooth(energy, rate_hz)

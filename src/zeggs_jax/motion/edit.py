@@ -38,9 +38,7 @@ def mirror(clip: Clip, keep_offsets: bool = False) -> Clip:
         positions[:, 1:] += (skeleton.offsets - offsets)[1:]
     else:
         skeleton = Skeleton(skeleton.names, skeleton.parents, offsets, skeleton.roles)
-    return clip._replace(
-        skeleton=skeleton, orders=orders, euler=clip.euler[:, across] * signs, positions=positions
-    )
+    return clip._replace(skeleton=skeleton, orders=orders, euler=clip.euler[:, across] * signs, positions=positions)
 
 
 def retime(clip: Clip, factor: float) -> Clip:
@@ -51,9 +49,7 @@ def retime(clip: Clip, factor: float) -> Clip:
     frames = len(clip.euler)
     count = int(factor * frames)
     if count < 1 or frames < 2:
-        raise ValueError(
-            f"A clip of {frames} frames cannot be retimed by {factor}; at least 1 frame must remain."
-        )
+        raise ValueError(f"A clip of {frames} frames cannot be retimed by {factor}; at least 1 frame must remain.")
     at = np.linspace(0.0, frames - 1.0, count)
     rotations = CubicSpline(np.arange(frames), local_quaternions(clip))(at)
     rotations /= np.linalg.norm(rotations, axis=-1, keepdims=True)

@@ -206,9 +206,7 @@ def _velocity(x: Float[Array, "T *b"], frame_time: Float[Array, ""] | float) -> 
     return _extrapolated((x[1:] - x[:-1]) / frame_time)
 
 
-def _angular_velocity(
-    q: Float[Array, "T *b 4"], frame_time: Float[Array, ""] | float
-) -> Float[Array, "T *b 3"]:
+def _angular_velocity(q: Float[Array, "T *b 4"], frame_time: Float[Array, ""] | float) -> Float[Array, "T *b 3"]:
     """Scaled axis per second of the shorter turn from each frame to the next, in the parent's frame."""
     step = quaternion.multiply(q[1:], quaternion.inverse(q[:-1]))
     return _extrapolated(quaternion.to_scaled_axis(quaternion.positive(step)) / frame_time)
@@ -220,9 +218,7 @@ def _extrapolated(v: Array) -> Array:
 
 
 @partial(jax.jit, static_argnames=("rebased", "unit_root"))
-def _decode(
-    poses: Pose, rebased: bool, unit_root: bool
-) -> tuple[Float[Array, "T J 3"], Float[Array, "T J 3"]]:
+def _decode(poses: Pose, rebased: bool, unit_root: bool) -> tuple[Float[Array, "T J 3"], Float[Array, "T J 3"]]:
     """Euler angles and local positions, joint 0 in world."""
     if unit_root:
         poses = poses._replace(root=Root(poses.root.pos, quaternion.normalize(poses.root.rot)))

@@ -91,11 +91,7 @@ def _chain(joints: Float[Array, "3 6 n *T"], parents: tuple[int, ...]) -> Float[
 def _carry(parent: Float[Array, "3 6 n *T"], child: Float[Array, "3 6 n *T"]) -> Float[Array, "3 6 n *T"]:
     """Children in world from parents in world; a parent adds its velocity and its spin times the arm."""
     axes = parent[:, AXES]
-    turned = (
-        axes[:, 0, None] * child[None, 0]
-        + axes[:, 1, None] * child[None, 1]
-        + axes[:, 2, None] * child[None, 2]
-    )
+    turned = axes[:, 0, None] * child[None, 0] + axes[:, 1, None] * child[None, 1] + axes[:, 2, None] * child[None, 2]
     spin, arm = parent[:, ANG], turned[:, POS]
     swing = jnp.stack(
         [
@@ -114,9 +110,7 @@ def _pack_pose(pose: Pose, vel_frame: Float[ArrayLike, "*T 4"]) -> Float[Array, 
     root = (pose.root.pos, quaternion.to_matrix(pose.root.rot), vel, ang)
     joints = (pose.joint_pos, rotation.axes_to_matrix(pose.joint_axes), pose.joint_vel, pose.joint_ang)
     axis = vel.ndim - 1
-    with_root = (
-        jnp.concatenate([jnp.expand_dims(r, axis), j], axis) for r, j in zip(root, joints, strict=True)
-    )
+    with_root = (jnp.concatenate([jnp.expand_dims(r, axis), j], axis) for r, j in zip(root, joints, strict=True))
     return _pack(World(*with_root))
 
 

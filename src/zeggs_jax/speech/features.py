@@ -53,9 +53,7 @@ def extract(
     """
     wave = np.asarray(wave, np.float32)
     if wave.size == 0:
-        raise ValueError(
-            "The waveform holds no samples, speech was expected; give a recording that is not empty."
-        )
+        raise ValueError("The waveform holds no samples, speech was expected; give a recording that is not empty.")
     if frames is None:
         frames = frame_count(wave.size, rate_hz, config)
     if config.normalize_loudness:
@@ -93,9 +91,7 @@ def energy(log_mels: Float[np.ndarray, "F M"]) -> Float[np.ndarray, " F"]:
     return np.linalg.norm(np.exp(log_mels), axis=1)
 
 
-def amplitude(
-    wave: Float[ArrayLike, " n"], config: SpeechFeatureConfig = RELEASED
-) -> Float[np.ndarray, "F K"]:
+def amplitude(wave: Float[ArrayLike, " n"], config: SpeechFeatureConfig = RELEASED) -> Float[np.ndarray, "F K"]:
     """Spectrogram |rfft| / window, symmetric Hann window, centred frames, reflected edges; float64."""
     return _magnitude(_frames(wave, config), config)
 
@@ -135,9 +131,7 @@ def mel_basis(config: SpeechFeatureConfig = RELEASED) -> Float[np.ndarray, "M K"
     )
 
 
-def decibels(
-    mel: Float[np.ndarray, "F M"], config: SpeechFeatureConfig = RELEASED
-) -> Float[np.ndarray, "F M"]:
+def decibels(mel: Float[np.ndarray, "F M"], config: SpeechFeatureConfig = RELEASED) -> Float[np.ndarray, "F M"]:
     """Amplitude -> level, 0 at the floor of the amplitude and 1 at amplitude 1."""
     floor = config.min_clipping / config.window
     span = -20.0 * np.log10(floor)
@@ -167,9 +161,7 @@ def frame_energy(
     return np.sqrt(np.maximum(mean, 0.0)).astype(np.float32)
 
 
-def _interpolate(
-    rows: Float[np.ndarray, "F D"], positions: Float[np.ndarray, " T"]
-) -> Float[np.ndarray, "T D"]:
+def _interpolate(rows: Float[np.ndarray, "F D"], positions: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T D"]:
     """Rows at fractional positions, linear between neighbours, extrapolated behind the last."""
     if len(rows) == 1:
         return np.repeat(rows, len(positions), axis=0)

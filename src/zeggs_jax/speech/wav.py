@@ -58,9 +58,7 @@ def write(path: str | Path, wave: Float[ArrayLike, " n"], rate_hz: int = RATE_HZ
         soundfile.write(temporary, samples, rate_hz, format="WAV", subtype="PCM_16")
         os.replace(temporary, path)
     except soundfile.LibsndfileError as error:
-        raise OSError(
-            f"Cannot write '{path}' ({_reason(error)}); choose a folder that is writable."
-        ) from error
+        raise OSError(f"Cannot write '{path}' ({_reason(error)}); choose a folder that is writable.") from error
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -93,9 +91,7 @@ def normalize_loudness(
     return (wave * gain).astype(np.float32)
 
 
-def silence(
-    wave: Float[ArrayLike, " n"], regions_s: Sequence[tuple[Seconds, Seconds]], rate_hz: int = RATE_HZ
-) -> Wave:
+def silence(wave: Float[ArrayLike, " n"], regions_s: Sequence[tuple[Seconds, Seconds]], rate_hz: int = RATE_HZ) -> Wave:
     """Zero everything outside the (start, stop) regions: the release's way to remove the other speaker."""
     wave = np.asarray(wave, np.float32)
     kept = np.zeros(wave.shape, np.float32)

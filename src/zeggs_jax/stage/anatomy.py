@@ -157,9 +157,7 @@ def stature(sample: Sample, spine: Sequence[int], limbs: dict[str, Limb]) -> flo
         size = np.ptp(sample.pos.reshape(-1, 3), axis=0)
         return float(max(size[1], 0.5 * size.max(), 1e-6))
     legs = [limbs[role].joints[limbs[role].start :] for role in ("left_foot", "right_foot")]
-    return float(
-        max((np.mean([way_length(sample, leg) for leg in legs]) + way_length(sample, spine)) / 0.862, 1e-6)
-    )
+    return float(max((np.mean([way_length(sample, leg) for leg in legs]) + way_length(sample, spine)) / 0.862, 1e-6))
 
 
 def way_length(sample: Sample, joints: Sequence[int]) -> float:

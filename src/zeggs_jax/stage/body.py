@@ -173,17 +173,13 @@ def head(body: Anatomy) -> Iterator[Part]:
         return pill(joint, tone, np.array(start) @ axes, np.array(end) @ axes, body.left[joint], *sizes)
 
     yield shape(SKIN, (0, 0.028, 0.002), (0, 0.047, 0.001), (0.0435, 0.053, 0.043), (0.0425, 0.052, 0.040))
-    yield shape(
-        HAIR, (0, 0.030, -0.011), (0, 0.056, 0.0005), (0.0452, 0.0500, 0.034), (0.0445, 0.0530, 0.0375)
-    )
+    yield shape(HAIR, (0, 0.030, -0.011), (0, 0.056, 0.0005), (0.0452, 0.0500, 0.034), (0.0445, 0.0530, 0.0375))
     yield shape(SKIN, (0, 0.016, 0.016), (0, -0.018, 0.026), (0.0375, 0.038, 0.03), (0.0255, 0.0235, 0.022))
     yield shape(SKIN, (0, 0.018, 0.055), (0, 0.002, 0.063), (0.0045, 0.005, 0.005), (0.0075, 0.007, 0.006))
     for x in (1, -1):
         eye, ear = 0.0175 * x, 0.0435 * x
         yield shape(DARK, (eye, 0.0215, 0.0475), (eye, 0.0245, 0.0475), (0.0058,) * 3, (0.0058,) * 3)
-        yield shape(
-            SKIN, (ear, 0.006, -0.004), (ear, 0.02, -0.008), (0.004, 0.008, 0.006), (0.0045, 0.0105, 0.007)
-        )
+        yield shape(SKIN, (ear, 0.006, -0.004), (ear, 0.02, -0.008), (0.004, 0.008, 0.006), (0.0045, 0.0105, 0.007))
 
 
 def sticks(body: Anatomy) -> Iterator[Part]:
@@ -193,6 +189,4 @@ def sticks(body: Anatomy) -> Iterator[Part]:
         length = float(np.linalg.norm(bone))
         if parent >= 0 and length > 1e-3 * body.stature:
             radius = float(np.clip(0.12 * length, 0.005 * body.stature, 0.022 * body.stature))
-            yield pill(
-                parent, TOP, np.zeros(3), bone, np.eye(3)[np.argmin(np.abs(bone))], radius, 0.8 * radius
-            )
+            yield pill(parent, TOP, np.zeros(3), bone, np.eye(3)[np.argmin(np.abs(bone))], radius, 0.8 * radius)

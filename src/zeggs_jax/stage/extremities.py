@@ -82,11 +82,7 @@ def foot(body: Anatomy, ankle: int) -> Iterator[Part]:
     ahead = 0.085 * size * body.front[ankle] if toe is None else offsets[toe]
     forward = across(ahead, down)
     ball = float(np.clip(ahead @ forward, 0.06 * size, 0.11 * size))
-    drop = (
-        0.048 * size
-        if toe is None
-        else float(np.clip(ahead @ down + 0.0135 * size, 0.036 * size, 0.075 * size))
-    )
+    drop = 0.048 * size if toe is None else float(np.clip(ahead @ down + 0.0135 * size, 0.036 * size, 0.075 * size))
     side = np.cross(down, forward)
 
     def at(ahead: float, below: float) -> np.ndarray:
@@ -98,9 +94,7 @@ def foot(body: Anatomy, ankle: int) -> Iterator[Part]:
     yield pill(ankle, SHOES, at(0.0, 0.1 * drop), at(0.7 * ball, drop - 0.024 * size), side, shin, instep)
     yield pill(ankle, SHOES, at(-0.016 * size, drop - 0.0165 * size), at(ball, level), side, heel, sole)
     if toe is None:
-        yield pill(
-            ankle, SHOES, at(ball, level), at(ball + 0.032 * size, level + 0.002 * size), side, sole, tip
-        )
+        yield pill(ankle, SHOES, at(ball, level), at(ball + 0.032 * size, level + 0.002 * size), side, sole, tip)
         return
     toe_down = unit(sample.into(toe, down_world, planted))
     ahead_world = sample.mat[:, ankle] @ forward

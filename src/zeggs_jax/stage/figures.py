@@ -56,21 +56,15 @@ def pose_strip(
     if not clips:
         raise ValueError("the strip of poses got no clips; give at least one.")
     if labels and len(labels) != len(clips):
-        raise ValueError(
-            f"the strip of poses got {len(labels)} labels for {len(clips)} clips; give one for each."
-        )
+        raise ValueError(f"the strip of poses got {len(labels)} labels for {len(clips)} clips; give one for each.")
     for clip in clips:
         end = len(clip.euler) * clip.frame_time
         if any(not 0 <= time <= end for time in times):
-            raise ValueError(
-                f"the strip of poses got times {list(times)}, but a clip lasts from 0 to {end:.2f} s."
-            )
+            raise ValueError(f"the strip of poses got times {list(times)}, but a clip lasts from 0 to {end:.2f} s.")
     save(path, strip(clips, labels, times, count, layout or Layout()))
 
 
-def strip(
-    clips: Sequence[Clip], labels: Sequence[str], times: Sequence[float], count: int, layout: Layout
-) -> str:
+def strip(clips: Sequence[Clip], labels: Sequence[str], times: Sequence[float], count: int, layout: Layout) -> str:
     """The SVG text of `pose_strip`."""
     columns, left = len(times) or count, layout.label if any(labels) else 0
     used: set[tuple[str, int]] = set()
@@ -82,9 +76,7 @@ def strip(
             text = html.escape(labels[number])
             rows.append(f'<text x="4" y="{(number + 0.55) * layout.height:.0f}">{text}</text>')
         for column, figure in enumerate(row(clip, instants, COLOURS[number % len(COLOURS)], layout, used)):
-            rows.append(
-                f'<g transform="translate({left + (column + 0.5) * layout.width:g} {y:g})">{figure}</g>'
-            )
+            rows.append(f'<g transform="translate({left + (column + 0.5) * layout.width:g} {y:g})">{figure}</g>')
     width, height = left + columns * layout.width, len(clips) * layout.height
     title = html.escape("Poses: " + ", ".join(labels) if labels else "A strip of poses")
     gradients = "".join(gradient(colour, bin_) for colour, bin_ in sorted(used))
@@ -94,9 +86,7 @@ def strip(
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img">{head}{body}</svg>\n'
 
 
-def row(
-    clip: Clip, instants: Sequence[float], colour: str, layout: Layout, used: set[tuple[str, int]]
-) -> list[str]:
+def row(clip: Clip, instants: Sequence[float], colour: str, layout: Layout, used: set[tuple[str, int]]) -> list[str]:
     """One drawing for each instant, standing on y = 0 around x = 0."""
     frames = [min(round(time / clip.frame_time), len(clip.euler) - 1) for time in instants]
     sample = anatomy.world(clip, np.linspace(0, len(clip.euler) - 1, 96).round().astype(int))
@@ -120,9 +110,7 @@ def camera(yaw: float, pitch: float) -> np.ndarray:
     return np.stack([right, np.cross(back, right), back])
 
 
-def draw(
-    pieces: Sequence[shapes.Piece], view: np.ndarray, wear: dict[int, str], used: set[tuple[str, int]]
-) -> str:
+def draw(pieces: Sequence[shapes.Piece], view: np.ndarray, wear: dict[int, str], used: set[tuple[str, int]]) -> str:
     """A shadow on the ground, then the pieces from far to near."""
     lamp = view.T @ LAMP
     shadow = []

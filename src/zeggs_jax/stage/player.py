@@ -172,14 +172,10 @@ def read_speech(speech: str | Path | tuple[np.ndarray, float | int]) -> tuple[np
         try:
             samples, rate = soundfile.read(speech, dtype="float32")
         except (soundfile.LibsndfileError, TypeError) as error:
-            raise ValueError(
-                f"'{speech}' is not a sound file that can be read; give WAV, FLAC or OGG."
-            ) from error
+            raise ValueError(f"'{speech}' is not a sound file that can be read; give WAV, FLAC or OGG.") from error
     samples = samples.mean(axis=1) if samples.ndim == 2 else samples
     if samples.ndim != 1 or not samples.size or not np.isfinite(samples).all():
-        raise ValueError(
-            f"speech of shape {samples.shape} is empty or not finite; give samples [n] within -1 and 1."
-        )
+        raise ValueError(f"speech of shape {samples.shape} is empty or not finite; give samples [n] within -1 and 1.")
     if rate > 24000:
         samples, rate = soxr.resample(samples, rate, 24000), 24000
     return np.clip(np.rint(samples * 32767.0), -32768, 32767).astype(np.int16), round(rate)

@@ -23,8 +23,7 @@ class Outline(NamedTuple):
         """Half-width at a place, the corners smoothed, and its growth per unit of place."""
         near = np.linspace(-0.08, 0.08, 9)
         before, width, after = (
-            float(np.mean(np.interp(near + x, self.places, self.widths)))
-            for x in (place - 0.04, place, place + 0.04)
+            float(np.mean(np.interp(near + x, self.places, self.widths))) for x in (place - 0.04, place, place + 0.04)
         )
         return scale * width, scale * (after - before) / 0.08
 
@@ -59,9 +58,7 @@ def pill(joint: int, tone: int, start, end, side, start_size, end_size) -> Part:
     side = across(np.asarray(side), along)
     ends = []
     for at, (width, depth, cap) in zip((start, end), sizes, strict=True):
-        ends.append(
-            Station(joint, np.asarray(at), side, along, float(width), float(depth), float(cap), slope)
-        )
+        ends.append(Station(joint, np.asarray(at), side, along, float(width), float(depth), float(cap), slope))
     return Part(tone, tuple(ends))
 
 

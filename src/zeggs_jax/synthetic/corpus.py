@@ -101,8 +101,7 @@ def write_take(folder: str | Path, take: Take, speech: Recording, rate_hz: int =
         "text": spoken.text,
         "words": [w._asdict() for w in spoken.words],
         "stresses": [
-            {"time": t, "strength": s}
-            for t, s in zip(heard.time.tolist(), heard.strength.tolist(), strict=True)
+            {"time": t, "strength": s} for t, s in zip(heard.time.tolist(), heard.strength.tolist(), strict=True)
         ],
         "phrases": heard.phrases.tolist(),
     }
@@ -113,9 +112,7 @@ def write_index(folder: str | Path, takes: Sequence[Take]) -> None:
     """corpus.csv (name,style,split) of `folder`, and one in `held_out` where there are such takes."""
     for here in {Path(take.name).parent.as_posix() for take in takes}:
         path = Path(folder) / here / "corpus.csv"
-        rows = [
-            (Path(t.name).name, t.style, t.split) for t in takes if Path(t.name).parent.as_posix() == here
-        ]
+        rows = [(Path(t.name).name, t.style, t.split) for t in takes if Path(t.name).parent.as_posix() == here]
         partial = path.with_name(path.name + ".partial")
         with partial.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file, lineterminator="\n").writerows([("name", "style", "split"), *rows])
@@ -132,9 +129,7 @@ def write(folder: str | Path, config: CorpusConfig | None = None) -> list[Take]:
     return takes
 
 
-def style_clip(
-    style: str | StyleFactors, seconds: float | int = 10, rate_hz: int = 30, seed: int = 0
-) -> bvh.Clip:
+def style_clip(style: str | StyleFactors, seconds: float | int = 10, rate_hz: int = 30, seed: int = 0) -> bvh.Clip:
     """An example clip of a style, performed to synthetic speech (the input of Fig. 3b)."""
     factors = styles.find(style) if isinstance(style, str) else style
     take = Take("example", "example", factors, "train", seconds, seed)

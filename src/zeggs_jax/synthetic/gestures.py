@@ -11,9 +11,7 @@ from zeggs_jax.synthetic.styles import StyleFactors
 STANDING = -1.0  # cm, hips of a standing body below straight legs
 
 
-def _pulses(
-    time: Float[np.ndarray, " T"], prosody: Prosody, rise: float, fall: float
-) -> Float[np.ndarray, " T"]:
+def _pulses(time: Float[np.ndarray, " T"], prosody: Prosody, rise: float, fall: float) -> Float[np.ndarray, " T"]:
     """A bump on every stress, as high as the stress is strong, topping at the middle of the vowel."""
     wave = np.zeros_like(time)
     for when, strength in zip(prosody.time.tolist(), prosody.strength.tolist(), strict=True):
@@ -67,18 +65,14 @@ def _wrists(hands: Float[np.ndarray, "T 2 5"], rate_hz: float | int) -> Float[np
     return 0.35 * np.tanh(0.008 * trail) - 0.08
 
 
-def perform(
-    prosody: Prosody, style: StyleFactors, frames: int, rate_hz: float | int = 30, seed: int = 0
-) -> bvh.Clip:
+def perform(prosody: Prosody, style: StyleFactors, frames: int, rate_hz: float | int = 30, seed: int = 0) -> bvh.Clip:
     """Gesture to `prosody` in `style` for `frames` frames: the release's hierarchy, facing +Z at the origin.
 
     `seed` only sets where sway and breath begin; everything else follows from style and speech.
     ValueError for no frames or a rate that is not positive.
     """
     if frames < 1 or rate_hz <= 0:
-        raise ValueError(
-            f"a performance of {frames} frames at {rate_hz} Hz is impossible; ask for 1 or more."
-        )
+        raise ValueError(f"a performance of {frames} frames at {rate_hz} Hz is impossible; ask for 1 or more.")
     time = np.arange(frames) / rate_hz
     sway_phase, breath_phase = np.random.default_rng([seed, 11]).uniform(0.0, 2.0 * np.pi, 2)
     swing = np.sin(2.0 * np.pi * time * 0.28 * np.sqrt(style.tempo) + sway_phase)

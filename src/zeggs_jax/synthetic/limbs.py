@@ -24,9 +24,7 @@ def _across(v: Float[Array, "*b 3"], along: Float[Array, "*b 3"]) -> Float[Array
     return quaternion.normalize(v - jnp.sum(v * along, axis=-1, keepdims=True) * along, eps=1e-9)
 
 
-def _columns(
-    x: Float[Array, "*b 3"], y: Float[Array, "*b 3"], z: Float[Array, "*b 3"]
-) -> Float[Array, "*b 4"]:
+def _columns(x: Float[Array, "*b 3"], y: Float[Array, "*b 3"], z: Float[Array, "*b 3"]) -> Float[Array, "*b 4"]:
     return quaternion.from_matrix(jnp.stack([x, y, z], axis=-1))
 
 

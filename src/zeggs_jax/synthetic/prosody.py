@@ -61,11 +61,7 @@ def known(words: Sequence[Word], wave: Float[np.ndarray, " n"], rate: int = 1600
     level = envelope(wave, rate)
     stressed = [w for w in words if w.stressed and w.nucleus * ENVELOPE_HZ < len(level) - 1]
     time = np.array([w.nucleus for w in stressed])
-    strength = (
-        np.interp(time * ENVELOPE_HZ, np.arange(len(level)), gaussian_filter1d(level, 2.0))
-        if stressed
-        else time
-    )
+    strength = np.interp(time * ENVELOPE_HZ, np.arange(len(level)), gaussian_filter1d(level, 2.0)) if stressed else time
     phrases: list[list[float]] = []
     for word in words:
         if phrases and word.start - phrases[-1][1] < SHORTEST_PAUSE:

@@ -50,18 +50,9 @@ RANGES: dict[str, Range] = {
     "HandThumb1": Range("yzx", ((-45, 60), (-60, 40), (-50, 50))),
     "HandThumb2": Range("yzx", ((-45, 75), (-60, 30), (-35, 35))),
     "HandThumb3": Range("yzx", ((-30, 95), (-60, 30), (-35, 35))),
-    **{
-        f"Hand{f}1": Range("zyx", ((-100, 40), (-30, 30), (-25, 25)))
-        for f in ("Index", "Middle", "Ring", "Pinky")
-    },
-    **{
-        f"Hand{f}2": Range("zyx", ((-120, 12), (-15, 15), (-15, 15)))
-        for f in ("Index", "Middle", "Ring", "Pinky")
-    },
-    **{
-        f"Hand{f}3": Range("zyx", ((-95, 20), (-15, 15), (-15, 15)))
-        for f in ("Index", "Middle", "Ring", "Pinky")
-    },
+    **{f"Hand{f}1": Range("zyx", ((-100, 40), (-30, 30), (-25, 25))) for f in ("Index", "Middle", "Ring", "Pinky")},
+    **{f"Hand{f}2": Range("zyx", ((-120, 12), (-15, 15), (-15, 15))) for f in ("Index", "Middle", "Ring", "Pinky")},
+    **{f"Hand{f}3": Range("zyx", ((-95, 20), (-15, 15), (-15, 15))) for f in ("Index", "Middle", "Ring", "Pinky")},
 }
 
 
@@ -132,7 +123,5 @@ def _outside(clip: bvh.Clip) -> Array:
                 f"is '{name}', and this clip's is not; retarget it first."
             )
     euler = jnp.asarray(clip.euler)
-    local = jnp.stack(
-        [quaternion.from_euler(euler[:, j], order) for j, order in enumerate(clip.orders)], axis=1
-    )
+    local = jnp.stack([quaternion.from_euler(euler[:, j], order) for j, order in enumerate(clip.orders)], axis=1)
     return jax.jit(excess)(local) > 0

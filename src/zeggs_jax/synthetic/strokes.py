@@ -74,9 +74,7 @@ def _goals(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Goals of the preparation (raised) and of the stroke (down and, every other time, outward)."""
     size = style.amplitude * strength
-    hands = np.array([1.0 - style.asymmetry, 1.0]) * (
-        1.0 + np.array([0.12, -0.12]) * (1 if leader == 0 else -1)
-    )
+    hands = np.array([1.0 - style.asymmetry, 1.0]) * (1.0 + np.array([0.12, -0.12]) * (1 if leader == 0 else -1))
     raised = np.array([-0.15, 0.45, -0.15, 0.0, 0.0]) * size
     struck = np.array([-0.15 if inward else 0.55, -0.42, 0.25, 0.0, 0.0]) * size
     struck[3:] = 0.55 * style.openness * strength, -0.25 * home.centre[0, 4] * strength
@@ -138,9 +136,7 @@ def schedule(prosody: Prosody, style: StyleFactors) -> list[Phase]:
     return phases
 
 
-def follow(
-    phases: Sequence[Phase], home: Stance, time: Float[np.ndarray, " T"]
-) -> Float[np.ndarray, "T 2 5"]:
+def follow(phases: Sequence[Phase], home: Stance, time: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T 2 5"]:
     """Both hands through time: minimum-jerk moves from goal to goal, summed, smooth where they overlap."""
     path = np.repeat(home.rest[None], len(time), axis=0)
     goal = home.rest

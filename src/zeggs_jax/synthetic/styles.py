@@ -59,9 +59,7 @@ def blend(styles: Sequence[StyleFactors], weights: Sequence[float]) -> StyleFact
     Raises ValueError when the two lists differ in length or are empty.
     """
     if not styles or len(styles) != len(weights):
-        raise ValueError(
-            f"got {len(styles)} styles and {len(weights)} weights; give one weight for each style."
-        )
+        raise ValueError(f"got {len(styles)} styles and {len(weights)} weights; give one weight for each style.")
     return clamp(StyleFactors(*(np.asarray(weights, float) @ np.asarray(styles, float))))
 
 

@@ -94,9 +94,7 @@ def _score(text: Sequence[str], voice: Voice, draw: np.random.Generator, lead: f
                 score.phones.append(phone._replace(seconds=seconds))
                 score.levels.append(push)
                 now += seconds
-        score.words.append(
-            Word(written.rstrip(".,;:!?"), start, now, stressed, start if nucleus is None else nucleus)
-        )
+        score.words.append(Word(written.rstrip(".,;:!?"), start, now, stressed, start if nucleus is None else nucleus))
         if written[-1] in PAUSE:
             gap = float(draw.uniform(*PAUSE[written[-1]]))
             score.phones.append(_rest(gap))
@@ -108,9 +106,7 @@ def _score(text: Sequence[str], voice: Voice, draw: np.random.Generator, lead: f
 def _pitch(score: _Score, voice: Voice, frames: int) -> Float[np.ndarray, " F"]:
     """Declination through each phrase and a rise on each stressed vowel."""
     time = np.arange(frames) * HOP / RATE
-    starts = np.array(
-        [w.start for k, w in enumerate(score.words) if k == 0 or w.start > score.words[k - 1].end + 0.1]
-    )
+    starts = np.array([w.start for k, w in enumerate(score.words) if k == 0 or w.start > score.words[k - 1].end + 0.1])
     since = time - starts[np.clip(np.searchsorted(starts, time, "right") - 1, 0, None)]
     contour = 0.9 + 0.2 * np.exp(-np.maximum(since, 0.0) / 1.5)
     for when, size in score.accents:

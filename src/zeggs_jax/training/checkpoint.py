@@ -1,8 +1,8 @@
 """Checkpoints: a pytree of arrays and its JSON metadata in one folder, written whole or not at all, verified when read.
 
-PATH/arrays is an orbax checkpoint (nested dicts of the leaves); PATH/checkpoint.json holds the metadata, the shape, dtype
-and SHA-256 of every leaf under one digest, and the SHA-256 of every file of orbax, checked before orbax reads them: a
-flipped bit is an error, never another network.
+PATH/arrays is an orbax checkpoint (nested dicts of the leaves); PATH/checkpoint.json holds the metadata, shape,
+dtype and SHA-256 of every leaf under one digest, and the SHA-256 of every file of orbax, checked before it
+reads them: a flipped bit is an error, never another network.
 """
 
 import hashlib
@@ -57,9 +57,9 @@ def save(path: str | Path, tree: Any, metadata: Mapping[str, Any]) -> str:
 def load(path: str | Path, template: Any = None) -> tuple[Any, dict[str, Any]]:
     """(tree of numpy arrays, metadata) of the checkpoint in folder `path`.
 
-    Without `template` the tree is nested dicts with the stored dtypes. With one (arrays or ShapeDtypeStructs) it has the
-    template's structure and its floating dtypes, and the first leaf that is missing, unknown or of another shape is an
-    error. FileNotFoundError: no such folder; ValueError: not a checkpoint, cut off, damaged, or not of this template.
+    Without `template` the tree is nested dicts with the stored dtypes. With one (arrays or ShapeDtypeStructs) it has
+    the template's structure and its floating dtypes, and the first leaf that is missing, unknown or of another shape
+    is an error. FileNotFoundError: no such folder; ValueError: not a checkpoint, damaged, or not of this template.
     """
     path = Path(path).absolute()
     content = _manifest(path)
@@ -78,7 +78,7 @@ def metadata(path: str | Path) -> dict[str, Any]:
 
 
 def digest(path: str | Path) -> str:
-    """SHA-256 (hex) of the checkpoint's content: metadata and, through their hashes, all arrays; the same for a copy."""
+    """SHA-256 (hex) of the checkpoint's content: metadata and, through hashes, all arrays; the same for a copy."""
     return _manifest(Path(path).absolute())["digest"]
 
 
@@ -117,7 +117,9 @@ def check_leaves(source: str | Path, shapes: Mapping[str, tuple[int, ...]], want
 
 def _named_leaves(tree: Any) -> dict[str, Any]:
     """Leaves by their path, its parts (keys, field names, indices) joined by '/'."""
-    return {jax.tree_util.keystr(path, simple=True, separator="/"): leaf for path, leaf in jax.tree.leaves_with_path(tree)}
+    return {
+        jax.tree_util.keystr(path, simple=True, separator="/"): leaf for path, leaf in jax.tree.leaves_with_path(tree)
+    }
 
 
 def _nest(leaves: Mapping[str, np.ndarray]) -> dict[str, Any]:
@@ -166,9 +168,13 @@ def _manifest(path: Path) -> dict[str, Any]:
     except (ValueError, KeyError, TypeError):
         intact = False
     if not intact:
-        raise ValueError(f"checkpoint '{path}' is damaged: {MANIFEST} does not match its own hash; take another copy of it.")
+        raise ValueError(
+            f"checkpoint '{path}' is damaged: {MANIFEST} does not match its own hash; take another copy of it."
+        )
     if content["format"] != FORMAT:
-        raise ValueError(f"checkpoint '{path}' has format {content['format']}, this version reads {FORMAT}: update zeggs-jax.")
+        raise ValueError(
+            f"checkpoint '{path}' has format {content['format']}, this version reads {FORMAT}: update zeggs-jax."
+        )
     return content
 
 

@@ -76,9 +76,7 @@ def radam(
         size, rectified = rate * jnp.asarray(factors)[row], jnp.asarray(table.rectified)[row]
         second = jax.tree.map(lambda v, g: beta2 * v + (1.0 - beta2) * g * g, state.second, updates)
         first = jax.tree.map(lambda m, g: beta1 * m + (1.0 - beta1) * g, state.first, updates)
-        change = jax.tree.map(
-            lambda m, v: -size * m / jnp.where(rectified, jnp.sqrt(v) + eps, 1.0), first, second
-        )
+        change = jax.tree.map(lambda m, v: -size * m / jnp.where(rectified, jnp.sqrt(v) + eps, 1.0), first, second)
         if weight_decay:
             if params is None:
                 raise ValueError("radam with weight_decay needs the parameters: call update(grads, state, params).")

@@ -134,9 +134,7 @@ class FilmRecurrent(nn.Module):
 
 def observe(pose: Pose, target: Float[Array, " 3"], pose_in: Scale) -> Float[Array, " O"]:
     """The scaled pose vector and the way from its root to the target (in cm: not normalised, as released)."""
-    return scale.apply(
-        pose_in, jnp.concatenate([poses.to_vector(pose), poses.gaze_direction(pose.root, target)])
-    )
+    return scale.apply(pose_in, jnp.concatenate([poses.to_vector(pose), poses.gaze_direction(pose.root, target)]))
 
 
 def begin(params: Any, config: DecoderConfig, scales: Scales, first: Pose, given: Frame) -> DecoderState:

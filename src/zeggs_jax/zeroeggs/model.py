@@ -43,9 +43,7 @@ __all__ = [
     "to_dict",
 ]
 
-Params = dict[
-    str, Any
-]  # "speech", "style" (not with labels), "decoder"; weights (out, in) or (out, in, kernel)
+Params = dict[str, Any]  # "speech", "style" (not with labels), "decoder"; weights (out, in) or (out, in, kernel)
 
 
 class Model(NamedTuple):
@@ -79,9 +77,7 @@ def encode_speech(
 ) -> Float[Array, "T S"]:
     """Fig. 3a: features (`speech.features.extract`) -> speech embedding; dropout only with `dropout_key`."""
     encoder: Any = SpeechEncoder(config.speech)
-    return encoder.apply(
-        {"params": params["speech"]}, scale.apply(scales.speech, features), **_dropout(dropout_key)
-    )
+    return encoder.apply({"params": params["speech"]}, scale.apply(scales.speech, features), **_dropout(dropout_key))
 
 
 def encode_style(
@@ -116,9 +112,7 @@ def decode(
     gaze: Float[Array, "T 3"],
 ) -> Pose:
     """Fig. 4: T poses, the first of which is `first`; `gaze` is the world position, in cm, that it faces."""
-    return rollout(
-        params["decoder"], config.decoder, scales, first, Frame(speech, style, gaze), config.frame_time
-    )
+    return rollout(params["decoder"], config.decoder, scales, first, Frame(speech, style, gaze), config.frame_time)
 
 
 def check_params(params: Any, config: ZeroEggsConfig) -> None:
@@ -131,9 +125,7 @@ def check_params(params: Any, config: ZeroEggsConfig) -> None:
         if name not in expected:
             raise ValueError(f"parameter '{name}' with shape {found[name]} does not belong to this config.")
         if found[name] != expected[name]:
-            raise ValueError(
-                f"parameter '{name}' has shape {found[name]}; the config asks for {expected[name]}."
-            )
+            raise ValueError(f"parameter '{name}' has shape {found[name]}; the config asks for {expected[name]}.")
 
 
 def _leaves(params: Any) -> dict[str, tuple[int, ...]]:

@@ -70,9 +70,7 @@ class AttentionEncoder(nn.Module):
     config: StyleEncoderConfig
 
     @nn.compact
-    def __call__(
-        self, x: Float[Array, "M P"], mask: Bool[Array, " M"], deterministic: bool
-    ) -> Float[Array, " O"]:
+    def __call__(self, x: Float[Array, "M P"], mask: Bool[Array, " M"], deterministic: bool) -> Float[Array, " O"]:
         config = self.config
         drop = nn.Dropout(config.dropout, deterministic=deterministic)
         for i, width in enumerate((config.hidden, config.outputs)):
@@ -92,9 +90,7 @@ class RecurrentEncoder(nn.Module):
     config: StyleEncoderConfig
 
     @nn.compact
-    def __call__(
-        self, x: Float[Array, "M P"], mask: Bool[Array, " M"], deterministic: bool
-    ) -> Float[Array, " O"]:
+    def __call__(self, x: Float[Array, "M P"], mask: Bool[Array, " M"], deterministic: bool) -> Float[Array, " O"]:
         config = self.config
         for i in range(2):
             x = masked(jax.nn.relu(Conv(config.hidden, 3, gain=RELU_GAIN, name=f"conv{i}")(x)), mask)
@@ -118,9 +114,7 @@ def reparameterise(
     return distribution.mean + temperature * jnp.exp(0.5 * distribution.log_var) * noise
 
 
-def sample_style(
-    key: Array, distribution: StyleDistribution, temperature: ArrayLike = 1.0
-) -> Float[Array, " Z"]:
+def sample_style(key: Array, distribution: StyleDistribution, temperature: ArrayLike = 1.0) -> Float[Array, " Z"]:
     """A style embedding drawn from `distribution` (ZeroEGGS Sec. 3.3), sharper or wider by `temperature`."""
     noise = jax.random.normal(key, distribution.mean.shape, distribution.mean.dtype)
     return reparameterise(distribution, noise, temperature)

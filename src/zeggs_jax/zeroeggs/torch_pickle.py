@@ -50,14 +50,10 @@ def read(file: bytes | BinaryIO, name: str = "the file") -> dict[str, np.ndarray
         with zipfile.ZipFile(io.BytesIO(file) if isinstance(file, bytes) else file) as archive:
             return _state(_Reader(archive).load())
     except _Refused as refusal:
-        raise ValueError(
-            f"'{name}' was refused: {refusal}; expected a network saved by PyTorch."
-        ) from refusal
+        raise ValueError(f"'{name}' was refused: {refusal}; expected a network saved by PyTorch.") from refusal
     except Exception as error:  # a broken pickle can fail in any way; nothing of it has been run
         reason = str(error) or type(error).__name__
-        raise ValueError(
-            f"'{name}' is not a network saved by PyTorch as a zip archive ({reason})."
-        ) from error
+        raise ValueError(f"'{name}' is not a network saved by PyTorch as a zip archive ({reason}).") from error
 
 
 class _Refused(Exception):
@@ -80,9 +76,7 @@ class _Reader(pickle.Unpickler):
             raise _Refused(f"it holds {len(pickles)} files called data.pkl")
         self._archive, self._root = archive, pickles[0].removesuffix("data.pkl")
         self._storages: dict[str, np.ndarray] = {}
-        self._names: dict[
-            str, Any
-        ] = {  # classes of this file alone: what it does to them, no other file sees
+        self._names: dict[str, Any] = {  # classes of this file alone: what it does to them, no other file sees
             "collections.OrderedDict": OrderedDict,
             "__builtin__.set": set,
             "builtins.set": set,

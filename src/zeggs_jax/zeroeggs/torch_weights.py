@@ -47,9 +47,7 @@ from .speech_encoder import SpeechEncoderConfig
 from .style_encoder import StyleEncoderConfig
 from .torch_names import rename, torch_names
 
-Arrays = Mapping[
-    str, np.ndarray
-]  # "<network>/<state_dict name>", as in "decoder/recurrent_decoder.layer0.weight"
+Arrays = Mapping[str, np.ndarray]  # "<network>/<state_dict name>", as in "decoder/recurrent_decoder.layer0.weight"
 
 NETWORKS = ("speech_encoder", "style_encoder", "decoder")
 AUDIO = {  # the settings that our speech features follow; other settings of the pipeline change nothing
@@ -101,9 +99,7 @@ def convert(
     if config.joints != len(names):
         raise ValueError(f"decoder.pt moves {config.joints} joints, data_definition.json names {len(names)}.")
     scales = read_scales(stats, config)
-    offsets = np.asarray(scales.pose_out.mean)[6 : 6 + 3 * len(names)].reshape(
-        -1, 3
-    )  # the data's mean offsets
+    offsets = np.asarray(scales.pose_out.mean)[6 : 6 + 3 * len(names)].reshape(-1, 3)  # the data's mean offsets
     return Model(config, from_torch(arrays, config), scales, Skeleton(names, parents, offsets))
 
 
@@ -132,9 +128,7 @@ def to_torch(params: Params, config: ZeroEggsConfig) -> dict[str, np.ndarray]:
     return arrays
 
 
-def infer_config(
-    arrays: Arrays, frame_time: float = 0.016667, labels: tuple[str, ...] = ()
-) -> ZeroEggsConfig:
+def infer_config(arrays: Arrays, frame_time: float = 0.016667, labels: tuple[str, ...] = ()) -> ZeroEggsConfig:
     """The sizes that the shapes of the release's arrays tell; `labels` only without a style encoder."""
 
     def shape(name: str, axes: int) -> tuple[int, ...]:
@@ -168,9 +162,7 @@ def infer_config(
     last = "encoder.convs.4.conv.bias" if attentive else "encoder.projection_layer.linear_layer.bias"
     (outputs,) = shape(f"style_encoder/{last}", 1)
     if outputs not in (style_size, 2 * style_size):
-        raise ValueError(
-            f"style_encoder.pt gives {outputs} numbers, decoder.pt takes styles of {style_size}."
-        )
+        raise ValueError(f"style_encoder.pt gives {outputs} numbers, decoder.pt takes styles of {style_size}.")
     kind = "attn" if attentive else "gru"
     style = StyleEncoderConfig(kind, style_hidden, style_size, variational=outputs == 2 * style_size)
     return ZeroEggsConfig(joints, frame_time, (), speech, style, decoder)
@@ -184,9 +176,7 @@ def read_scales(stats: Arrays, config: ZeroEggsConfig) -> Scales:
             raise ValueError(f"stats.npz has no array '{key}'.")
         array = np.asarray(stats[key], np.float32)
         if array.shape not in ((size,), ()):
-            raise ValueError(
-                f"'{key}' in stats.npz has shape {array.shape}; the networks take {size} numbers."
-            )
+            raise ValueError(f"'{key}' in stats.npz has shape {array.shape}; the networks take {size} numbers.")
         return np.broadcast_to(array, (size,)).copy()
 
     sizes = {
@@ -211,9 +201,7 @@ def _check_pipeline(conf: Mapping[str, Any]) -> None:
     given = conf.get("audio_conf", {})
     for key, expected in AUDIO.items():
         if key in given and given[key] != expected:
-            raise ValueError(
-                f"data_pipeline_conf.json sets {key} to {given[key]!r}; our features follow {expected!r}."
-            )
+            raise ValueError(f"data_pipeline_conf.json sets {key} to {given[key]!r}; our features follow {expected!r}.")
     if conf.get("audio_feature_type", ["mel_spec", "energy"]) != ["mel_spec", "energy"]:
         raise ValueError(
             f"data_pipeline_conf.json asks for the features {conf['audio_feature_type']!r}; "

@@ -97,7 +97,9 @@ def clip_loss(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tu
     if config.labels:
         style = StyleDistribution(jax.nn.one_hot(clip.label, len(config.labels)), None)
     else:
-        style = encode_style(params, config, scales, jnp.asarray(clip.example), clip.example_length, draws.style_dropout)
+        style = encode_style(
+            params, config, scales, jnp.asarray(clip.example), clip.example_length, draws.style_dropout
+        )
     drawn = reparameterise(style, draws.style)
     frames = speech.shape[0]
     first = jax.tree.map(lambda a: a[0], clip.poses)
