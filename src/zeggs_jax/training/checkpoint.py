@@ -45,6 +45,9 @@ def save(path: str | Path, tree: Any, metadata: Mapping[str, Any]) -> str:
     try:
         with ocp.StandardCheckpointer() as writer:
             writer.save(work / ARRAYS, _nest(leaves))
+        marker = work / ARRAYS / "commit_success.txt"
+        if marker.exists():
+            marker.write_text("committed\n")  # orbax writes the machine's path here, which nobody else should read
         content["files"] = {name: _sha256((work / ARRAYS / name).read_bytes()) for name in _files(work / ARRAYS)}
         (work / MANIFEST).write_text(json.dumps(content, indent=1, ensure_ascii=False), encoding="utf-8")
         work.chmod(0o755)
