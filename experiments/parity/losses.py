@@ -42,6 +42,8 @@ def check(golden: Path, reference: Path | None = None) -> Iterator[Row]:
     case, stored = read_case(folder), read_arrays(folder / FILE)
     for key, value in compute(case, stored, np.float32).items():
         yield from rows(case, key, value, stored[key])
+    if not any(key.endswith("__f64") for key in stored):
+        return
     with jax.enable_x64(True):
         for key, value in compute(case, stored, np.float64).items():
             if f"{key}__f64" in stored:
@@ -96,6 +98,8 @@ def compute(case: dict[str, Any], stored: Arrays, dtype: Any) -> Arrays:
         ours["d_logvar"].append(by_style.log_var)
     ours |= {f"dO_{name}": value for name, value in zip(POSE, (*by_pose.root, *by_pose[1:]), strict=True)}
     for prefix, motion in (("W_", target), ("O_", predicted)):
+        if f"{prefix}cpos" not in described:
+            continue
         kept = slice(None, None, int(re.findall(r"::(\d+)", described[f"{prefix}cpos"]["meaning"])[0]))
         world = jax.vmap(partial(kinematics.place, parents=REFERENCE_PARENTS))(motion).world
         world = np.moveaxis(np.asarray(world), -1, 1)[:, kept].transpose(0, 1, 4, 2, 3)  # [B, t, J, 3, 6]

@@ -18,7 +18,7 @@ from zeggs_jax.zeroeggs.losses import Terms
 from zeggs_jax.zeroeggs.torch_weights import from_torch, infer_config, read_scales, to_torch
 from zeggs_jax.zeroeggs.train import Draws, Setting, TrainConfig, batch_loss
 
-from .golden import Row, allowed, compare, max_error, read_arrays, read_case
+from .golden import Row, allowed, compare, max_error, read_arrays, read_case, recipe
 from .losses import RELATIVE, TERMS, gradient_rows, pose_of
 
 STAGE = "train"
@@ -99,10 +99,31 @@ def _optimiser(case: Case, name: str, options: dict[str, Any], arrays: Arrays) -
 
 def _run(case: Case, name: str, stored: Arrays, batches: Arrays) -> Iterator[Row]:
     """A training run on stored batches and draws: losses, first gradients, parameters after some updates."""
-    about, file = case["configs"][name], f"{name}.npz"
-    config = _config(case, stored)
-    start = from_torch(_renamed(stored, "w0."), config)
-    options = dict(about["optimizer"]["RAdam"])
+    file, about = f"{name}.npz", case["configs"][name]
+    described = case["files"][file]["arrays"]
+    config, start = _start(case, name, stored)
+    before = to_torch(start, config)
+    totals, terms_of = [], []
+    for k, (loss, terms, grads, params) in enumerate(_updates(case, about, config, start, batches)):
+        values = dict(zip(TERMS, (terms[field] for field in (*Terms._fields, "kl")), strict=True))
+        totals.append(loss)
+        terms_of.append([values[term.removeprefix("loss_")] for term in case["terms"]])
+        if k == 0:
+            for key, value in _named(grads, config, "g0.", described):
+                yield from gradient_rows(STAGE, f"{name}/{key}", value, stored[key], allowed(case, file, key))
+        for key, value in _named(params, config, f"w{k + 1}.", described):
+            start_value = before[_our_name(key)].astype(np.float64)
+            error = max_error(value - start_value, stored[key] - start_value)
+            yield Row(STAGE, f"{name}/{key}, change", error, SLACK * about["max_parameter_f32_vs_f64"])
+    first_error = abs(float(totals[0]) / stored["total"][0] - 1.0)
+    yield Row(STAGE, f"{name}/loss of iteration 0, relative", first_error, RELATIVE)
+    yield compare(STAGE, case, file, "total", totals, stored["total"])
+    yield compare(STAGE, case, file, "terms", terms_of, stored["terms"])
+
+
+def _updates(case: Case, about: Any, config: ZeroEggsConfig, params: Any, batches: Arrays) -> Iterator[Any]:
+    """(loss, terms, gradients, parameters after it) of every update of a run."""
+    options = about["optimizer"]["RAdam"]
     optimiser = radam(options["lr"], eps=options["eps"], beta1=options["betas"][0], beta2=options["betas"][1])
     scales = read_scales(_under(batches, "stats_"), config)
     setting = Setting(TrainConfig(model=config), scales, tuple(case["data_definition"]["parents"]))
@@ -114,38 +135,40 @@ def _run(case: Case, name: str, stored: Arrays, batches: Arrays) -> Iterator[Row
         changes, state = optimiser.update(grads, state, params)
         return optax.apply_updates(params, changes), state, loss, terms, grads
 
-    offset = 7200 if about["kl_iteration"] else 0  # "7200 + iteration": the annealing is caught as it rises
-    params, state = jax.tree.map(jnp.asarray, start), optimiser.init(start)
-    counts = sorted({int(key[1:].split(".")[0]) for key in stored if key[0] == "w"} - {0})
-    totals, terms_of, kept = [], [], {}
+    offset = int((about["kl_iteration"] or "0 + iteration").split("+")[0])  # the annealing is caught as it rises
+    params = jax.tree.map(jnp.asarray, params)
+    state = optimiser.init(params)
     for k in range(about["iterations"]):
         batch, draws = _batch(batches, k % 5, k)
         params, state, loss, terms, grads = update(params, state, batch, draws, k + offset)
-        values = dict(zip(TERMS, (terms[field] for field in (*Terms._fields, "kl")), strict=True))
-        totals.append(loss)
-        terms_of.append([values[term.removeprefix("loss_")] for term in case["terms"]])
-        if k + 1 in counts:
-            kept[k + 1] = to_torch(params, config)
-        if k == 0:
-            for key, value in to_torch(grads, config).items():
-                ours = _their_name(key, "g0.")
-                yield from gradient_rows(STAGE, f"{name}/{ours}", value, stored[ours], allowed(case, file, ours))
-    first_error = abs(float(totals[0]) / stored["total"][0] - 1.0)
-    yield Row(STAGE, f"{name}/loss of iteration 0, relative", first_error, RELATIVE)
-    yield compare(STAGE, case, file, "total", totals, stored["total"])
-    yield compare(STAGE, case, file, "terms", terms_of, stored["terms"])
-    before, atol = to_torch(start, config), SLACK * about["max_parameter_f32_vs_f64"]
-    for n, arrays in kept.items():
-        for key, value in arrays.items():
-            theirs = stored[_their_name(key, f"w{n}.")].astype(np.float64) - before[key]
-            error = max_error(value.astype(np.float64) - before[key], theirs)
-            yield Row(STAGE, f"{name}/change after {n} of {_their_name(key, '')}", error, atol)
+        yield loss, terms, grads, params
 
 
-def _config(case: Case, stored: Arrays) -> ZeroEggsConfig:
+def _start(case: Case, name: str, stored: Arrays) -> tuple[ZeroEggsConfig, Any]:
+    """Sizes and parameters before the first update, stored or made by the set's recipe."""
+    seed = case["configs"][name]["recipe_seed"]
+    arrays = {}
+    for key, about in case["files"][f"{name}.npz"]["arrays"].items():
+        if key.startswith("w0."):
+            made = recipe(key.split(".", 2)[2], tuple(about["shape"]), seed)
+            arrays[_our_name(key)] = stored.get(key, made)
     definition = case["data_definition"]
-    labels = () if any("StyleEncoder" in key for key in stored) else tuple(definition["label_names"])
-    return infer_config(_renamed(stored, "w0."), definition["dt"], labels)
+    labels = () if any(key.startswith("style_encoder/") for key in arrays) else tuple(definition["label_names"])
+    config = infer_config(arrays, definition["dt"], labels)
+    return config, from_torch(arrays, config)
+
+
+def _named(params: Any, config: ZeroEggsConfig, prefix: str, described: Any) -> Iterator[tuple[str, np.ndarray]]:
+    """Those arrays of `params` that the set describes under `prefix`, by its names."""
+    if any(key.startswith(prefix) for key in described):
+        ours = to_torch(params, config)
+        yield from ((key, ours[_our_name(key)]) for key in described if key.startswith(prefix))
+
+
+def _our_name(key: str) -> str:
+    """'w0.Decoder.x.y' -> 'decoder/x.y'."""
+    _, network, rest = key.split(".", 2)
+    return f"{NETWORKS[network]}/{rest}"
 
 
 def _batch(batches: Arrays, number: int, k: int) -> tuple[Batch, Draws]:
@@ -169,15 +192,3 @@ def _batch(batches: Arrays, number: int, k: int) -> tuple[Batch, Draws]:
 
 def _under(arrays: Arrays, prefix: str) -> Arrays:
     return {key.removeprefix(prefix): value for key, value in arrays.items() if key.startswith(prefix)}
-
-
-def _renamed(stored: Arrays, prefix: str) -> Arrays:
-    """'w0.Decoder.x.y' -> 'decoder/x.y'."""
-    split = {key: key.split(".", 1) for key in _under(stored, prefix)}
-    return {f"{NETWORKS[network]}/{rest}": stored[f"{prefix}{key}"] for key, (network, rest) in split.items()}
-
-
-def _their_name(key: str, prefix: str) -> str:
-    """'decoder/x.y' -> '<prefix>Decoder.x.y'."""
-    network, rest = key.split("/", 1)
-    return f"{prefix}{ {ours: theirs for theirs, ours in NETWORKS.items()}[network] }.{rest}"
