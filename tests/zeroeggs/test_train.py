@@ -20,6 +20,7 @@ from zeggs_jax.motion.skeleton import Skeleton
 from zeggs_jax.speech import wav
 from zeggs_jax.training import checkpoint, loop
 from zeggs_jax.zeroeggs import model as m
+from zeggs_jax.zeroeggs import run_folder
 from zeggs_jax.zeroeggs import train as t
 from zeggs_jax.zeroeggs.checkpoints import load_model, save_model
 
@@ -257,7 +258,7 @@ def test_a_corpus_is_prepared_once(corpus, tmp_path, monkeypatch):
         made.append((folder, out))
         shutil.copytree(corpus, out, dirs_exist_ok=True)
 
-    monkeypatch.setattr(t.preparation, "prepare", fake)
+    monkeypatch.setattr(run_folder.preparation, "prepare", fake)
     assert t.prepared(corpus, tmp_path) == corpus
     assert t.prepared(corpus.parent, tmp_path) == tmp_path / "prepared"
     assert t.prepared(corpus.parent, tmp_path) == tmp_path / "prepared"

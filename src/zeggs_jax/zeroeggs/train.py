@@ -18,8 +18,6 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from ..data import corpus as corpora
-from ..data import prepare as preparation
 from ..data import windows
 from ..data.prepared import Prepared, load
 from ..data.scale import Scales
@@ -32,8 +30,8 @@ from .checkpoints import describe
 from .config import ZeroEggsConfig, from_dict, to_dict
 from .losses import Terms
 from .model import Params, StyleDistribution, decode, encode_speech, encode_style, init, reparameterise
-
-LENGTHS = ("steps", "log_every", "checkpoint_every", "keep")  # settings that a resumed run may change
+from .run_folder import check_same, write_json
+from .run_folder import prepared as prepared  # what `train` trains on, made if need be
 
 
 @dataclass(frozen=True)
@@ -139,31 +137,31 @@ def optimiser(config: TrainConfig) -> Any:
 def train(
     folder: str | Path, out: str | Path, config: TrainConfig = TrainConfig(), progress: bool = True
 ) -> TrainState:
-    """Train on the prepared corpus in `folder` (see data/prepare.py), writing the run to folder `out`.
+    """Train on the prepared corpus in `folder` (see `prepared`), writing the run to folder `out`.
 
     Goes on where the run in `out` stopped. ValueError when it was started with other settings or on another
     corpus, when a label model's labels are not the corpus's styles, or when the loss is no longer finite;
     KeyboardInterrupt after Ctrl-C, with all work saved.
     """
-    prepared, out = load(folder), Path(out)
-    config = fit_config(config, prepared)
+    arrays, out = load(folder), Path(out)
+    config = fit_config(config, arrays)
     corpus = hashlib.sha256((Path(folder) / "manifest.json").read_bytes()).hexdigest()
-    metadata = {**describe(config.model, prepared.skeleton), "training": to_dict(config), "corpus": corpus}
-    setting, transform = Setting(config, prepared.scales, prepared.skeleton.parents), optimiser(config)
+    metadata = {**describe(config.model, arrays.skeleton), "training": to_dict(config), "corpus": corpus}
+    setting, transform = Setting(config, arrays.scales, arrays.skeleton.parents), optimiser(config)
     state = jax.eval_shape(lambda: loop.begin(init(jax.random.key(0), config.model), transform))
     if found := loop.checkpoints(out):
-        _check_same(found[-1], metadata, out)
-        state = _load(found[-1], state, prepared.scales)
+        check_same(found[-1], metadata, out)
+        state = _load(found[-1], state, arrays.scales)
     else:
         state = loop.begin(init(jax.random.key(config.seed), config.model), transform)
-    _write_json(out / "config.json", to_dict(config))
+    write_json(out / "config.json", to_dict(config))
     return loop.fit(
         state,
         loop.make_step(loss_fn(setting), transform, config.seed),
-        lambda k: windows.batch(prepared, config.seed, k, config.windows),
+        lambda k: windows.batch(arrays, config.seed, k, config.windows),
         out,
         loop.Plan(config.steps, config.log_every, config.checkpoint_every, config.keep),
-        lambda path, state: checkpoint.save(path, _tree(state, prepared.scales), metadata),
+        lambda path, state: checkpoint.save(path, _tree(state, arrays.scales), metadata),
         progress,
     )
 
@@ -176,84 +174,18 @@ def read_config(path: str | Path) -> TrainConfig:
         raise ValueError(f"'{path}' is not JSON ({error}); write the settings as one JSON object.") from error
 
 
-def prepared(corpus: str | Path, out: str | Path, speech_columns: bool = False) -> Path:
-    """The folder of arrays to train on: `corpus` if it is prepared, else OUT/prepared, made if need be.
-
-    OUT/prepared/source.json keeps what it was made from. ValueError when that is another corpus, files that have
-    changed since, or arrays made with the other `speech_columns`; and all errors of data/prepare.py.
-    """
-    corpus, folder = Path(corpus), Path(out) / "prepared"
-    manifest, note = folder / "manifest.json", folder / "source.json"
-    if (corpus / "manifest.json").exists():
-        return corpus
-    source = _source(corpus)
-    if not manifest.exists():
-        _write_json(note, source)  # before the manifest: arrays without a source are never taken for finished
-        preparation.prepare(corpus, folder, preparation.PrepareConfig(speech_columns=speech_columns))
-    elif note.exists():
-        before = json.loads(note.read_text(encoding="utf-8"))
-        if before != source:
-            raise ValueError(
-                f"run '{out}' was started on corpus '{before['path']}', now '{source['path']}' is given (or its files "
-                "changed); name the first one or another -o."
-            )
-        made = json.loads(manifest.read_text(encoding="utf-8"))["config"]["speech_columns"]
-        if made != speech_columns:
-            raise ValueError(
-                f"run '{out}' prepared its corpus with speech_columns = {made}, now it is {speech_columns}: resume "
-                "with the same settings, or choose another folder."
-            )
-    return folder
-
-
-def _source(corpus: Path) -> dict[str, Any]:
-    """Where a corpus lies, and size (bytes) and time of change (ns) of each of its files."""
-    files = {corpus / "info.csv", corpus / "corpus.csv"}
-    for entry in corpora.find(corpus):
-        files |= {entry.bvh, entry.wav, entry.wav.with_suffix(".csv")}
-    stats = {path.relative_to(corpus).as_posix(): path.stat() for path in sorted(files) if path.exists()}
-    return {
-        "path": str(corpus.resolve()),
-        "files": {name: [stat.st_size, stat.st_mtime_ns] for name, stat in stats.items()},
-    }
-
-
-def fit_config(config: TrainConfig, prepared: Prepared) -> TrainConfig:
+def fit_config(config: TrainConfig, corpus: Prepared) -> TrainConfig:
     """The config with the corpus's joints, frame time and number of speech features."""
     model = config.model
-    if model.labels and model.labels != prepared.styles:
+    if model.labels and model.labels != corpus.styles:
         raise ValueError(
-            f"the config has labels {', '.join(model.labels)}; the corpus has styles {', '.join(prepared.styles)}: "
+            f"the config has labels {', '.join(model.labels)}; the corpus has styles {', '.join(corpus.styles)}: "
             "they must be the same, in this order."
         )
-    speech = dataclasses.replace(model.speech, features=prepared.speech.shape[1])
-    joints = len(prepared.skeleton)
-    model = dataclasses.replace(model, joints=joints, frame_time=prepared.frame_time, speech=speech)
+    speech = dataclasses.replace(model.speech, features=corpus.speech.shape[1])
+    joints = len(corpus.skeleton)
+    model = dataclasses.replace(model, joints=joints, frame_time=corpus.frame_time, speech=speech)
     return dataclasses.replace(config, model=model)
-
-
-def _check_same(checkpoint_path: Path, given: dict[str, Any], out: Path) -> None:
-    """ValueError naming the first setting in which the run's newest checkpoint differs from what is `given`."""
-    started = checkpoint.metadata(checkpoint_path)
-    before, now = _flat(started.get("training", {})), _flat(given["training"])
-    before.setdefault("speech_columns", now["speech_columns"])  # runs of versions that lacked this setting
-    for name in [*now, *before]:
-        if before.get(name) != now.get(name) and name not in LENGTHS:
-            raise ValueError(
-                f"run '{out}' was started with {name} = {before.get(name)}, now it is {now.get(name)}: resume with "
-                "the same settings, or choose another folder."
-            )
-    if started.get("corpus") != given["corpus"]:
-        raise ValueError(
-            f"run '{out}' was started on another corpus: resume with the same one, or choose another folder."
-        )
-
-
-def _flat(config: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat = {}
-    for name, value in config.items():
-        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
-    return flat
 
 
 def _tree(state: TrainState, scales: Scales) -> dict[str, Any]:
@@ -264,10 +196,3 @@ def _load(path: Path, like: TrainState, scales: Scales) -> TrainState:
     """The state in a checkpoint, which must have the shapes of `like`."""
     tree, _ = checkpoint.load(path, _tree(like, scales))
     return TrainState(*(jax.tree.map(jnp.asarray, tree[name]) for name in TrainState._fields))
-
-
-def _write_json(path: Path, content: dict[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial_file = path.with_name(f".{path.name}.partial")
-    partial_file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    partial_file.replace(path)
