@@ -67,7 +67,7 @@ def test_generate_writes_motion_provenance_and_page(zeggs, folder, tmp_path):
     clip = bvh.read(out)
     assert clip.euler.shape == (45, 75, 3)
     assert np.isfinite(clip.euler).all()
-    assert json.loads(out.with_suffix(".json").read_text())["arguments"]["styles"] == ["old"]
+    assert json.loads(out.with_suffix(".provenance.json").read_text())["arguments"]["styles"] == ["old"]
     assert "http" not in page.read_text().replace("http-equiv", "").replace("http://www.w3.org", "")
 
 

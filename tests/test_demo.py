@@ -18,7 +18,7 @@ def test_demo_writes_motion_speech_and_one_page(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "argv", ["zeggs", "demo", "-o", str(out), "--styles", "old", "happy"])
     cli.main()
     names = {path.name for path in out.iterdir()}
-    assert {"old.bvh", "happy.bvh", "old.json", "happy.json", "speech.wav", "index.html"} == names
+    assert {"old.bvh", "happy.bvh", "old.provenance.json", "happy.provenance.json", "speech.wav", "index.html"} == names
     old, happy = (bvh.read(out / f"{style}.bvh") for style in ("old", "happy"))
     assert len(old.euler) == len(happy.euler) == features.frame_count(len(wav.read(out / "speech.wav")), 30.0)
     assert kinematic.hand_speed(happy).mean() > 1.5 * kinematic.hand_speed(old).mean()

@@ -160,11 +160,11 @@ def test_an_embedding_saved_is_the_embedding_read(folder, model, tmp_path):
 
 def test_provenance_lies_beside_the_motion(folder, model, tmp_path):
     g.save(tmp_path / "out.bvh", g.generate(folder / "speech.wav", ask(folder, "old", seed=7), model=model))
-    told = json.loads((tmp_path / "out.json").read_text())
+    told = json.loads((tmp_path / "out.provenance.json").read_text())
     assert told["seed"] == 7
     assert len(told["model_sha256"]) == 64
     assert told["arguments"]["styles"] == [str(folder / "old.bvh")]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.bvh", "out.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.bvh", "out.provenance.json"]
 
 
 @pytest.mark.parametrize(

@@ -184,12 +184,12 @@ def _sha256(source: Speech) -> str:
 
 
 def save(path: str | Path, gesture: Gesture) -> Path:
-    """Writes the clip as BVH and, beside it, its provenance as `<name>.json`; a ValueError unless it ends in .bvh."""
+    """Writes the clip as BVH (`path` must end so) and, beside it, its provenance as `<name>.provenance.json`."""
     path = Path(path)
     if path.suffix.lower() != ".bvh":
         raise ValueError(f"'{path}' is no name for motion; give one that ends in .bvh.")
     bvh.write(path, gesture.clip)
-    beside = path.with_suffix(".json")
+    beside = path.with_suffix(".provenance.json")
     temporary = beside.with_name(f".{beside.name}.part")
     temporary.write_text(json.dumps(gesture.provenance, indent=2) + "\n")
     os.replace(temporary, beside)
