@@ -15,7 +15,7 @@ from zeggs_jax.zeroeggs import decoder as d
 from zeggs_jax.zeroeggs.config import ZeroEggsConfig
 from zeggs_jax.zeroeggs.torch_weights import read_scales
 
-from .golden import Row, read_arrays, read_case, recipe
+from .golden import Row, present_files, read_arrays, read_case, recipe
 from .left_out import leave_out
 from .networks import Arrays, parameters, rows, state_dict
 
@@ -26,10 +26,7 @@ def check(golden: Path, reference: Path | None) -> Iterator[Row]:
     """Every file of the folder. Without `reference` (its statistics): the networks alone, for one step."""
     folder = golden / STAGE
     case = read_case(folder)
-    present = [file for file in case["files"] if (folder / file).exists()]
-    if not present:
-        raise ValueError(f"'{folder}' holds none of the files that its case.json describes.")
-    for file in present:
+    for file in present_files(folder, case):
         name, arrays = file.removesuffix(".npz"), read_arrays(folder / file)
         long = case.get(name) if name not in case["configs"] else None
         spec = case["configs"].get(_weights_of(name, long))

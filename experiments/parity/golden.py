@@ -33,6 +33,14 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
         return {key: archive[key] for key in archive.files}
 
 
+def present_files(folder: Path, case: dict[str, Any]) -> list[str]:
+    """The files of case.json that the folder has; a ValueError when it has none of them."""
+    present = [file for file in case["files"] if (folder / file).exists()]
+    if not present:
+        raise ValueError(f"'{folder}' holds none of the files that its case.json describes.")
+    return present
+
+
 def meta(case: dict[str, Any], file: str, key: str) -> dict[str, Any]:
     """What case.json says of array `key` in `file`."""
     return case["files"][file]["arrays"][key]

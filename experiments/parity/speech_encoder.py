@@ -14,7 +14,7 @@ from zeggs_jax.zeroeggs import torch_pickle
 from zeggs_jax.zeroeggs.config import ZeroEggsConfig
 from zeggs_jax.zeroeggs.speech_encoder import SpeechEncoder, SpeechEncoderConfig
 
-from .golden import Row, read_arrays, read_case
+from .golden import Row, present_files, read_arrays, read_case
 from .left_out import leave_out
 from .networks import Arrays, parameters, rows, state_dict
 
@@ -25,10 +25,7 @@ def check(golden: Path, reference: Path | None) -> Iterator[Row]:
     """Every file of the folder; the published weights only with `reference`."""
     folder = golden / STAGE
     case = read_case(folder)
-    present = [file for file in case["files"] if (folder / file).exists()]
-    if not present:
-        raise ValueError(f"'{folder}' holds none of the files that its case.json describes.")
-    for file in present:
+    for file in present_files(folder, case):
         arrays, spec = read_arrays(folder / file), case.get(file.removesuffix(".npz"), {})
         if "file" in spec:
             if reference is not None:

@@ -12,7 +12,7 @@ from zeggs_jax.nn.attention import positions
 from zeggs_jax.zeroeggs.config import ZeroEggsConfig
 from zeggs_jax.zeroeggs.style_encoder import StyleEncoder, StyleEncoderConfig, reparameterise
 
-from .golden import Row, max_error, read_arrays, read_case, recipe
+from .golden import Row, max_error, present_files, read_arrays, read_case, recipe
 from .networks import Arrays, parameters, rows, state_dict
 
 STAGE = "style_encoder"
@@ -22,10 +22,7 @@ def check(golden: Path, reference: Path | None) -> Iterator[Row]:
     """Every file of the folder."""
     folder = golden / STAGE
     case = read_case(folder)
-    present = [file for file in case["files"] if (folder / file).exists()]
-    if not present:
-        raise ValueError(f"'{folder}' holds none of the files that its case.json describes.")
-    for file in present:
+    for file in present_files(folder, case):
         arrays = read_arrays(folder / file)
         if file == "positional.npz":
             yield from _positions(arrays)

@@ -20,8 +20,7 @@ COLUMNS = (
     "frames",
     "first_pose",
     "generate",
-)
-IGNORED = ("use_gpu",)  # JAX picks the device
+)  # use_gpu is read and ignored: JAX picks the device
 
 
 class Job(NamedTuple):
