@@ -30,7 +30,7 @@ TOUCH_DISK = {
     "data/windows.py",
     "training/checkpoint.py", "training/loop.py", "synthetic/corpus.py", "stage/player.py", "stage/figures.py",
     "zeroeggs/generate.py", "zeroeggs/train.py", "zeroeggs/batch.py", "zeroeggs/examples.py",
-    "zeroeggs/checkpoints.py", "zeroeggs/release_files.py", "zeroeggs/run_folder.py",
+    "zeroeggs/checkpoints.py", "zeroeggs/release_files.py", "zeroeggs/run_folder.py", "zeroeggs/settings.py",
 }  # fmt: skip
 DISK_NAMES = {"open", "pathlib", "os", "shutil", "tempfile"}
 

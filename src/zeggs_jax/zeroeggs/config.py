@@ -2,6 +2,7 @@
 
 import dataclasses
 import difflib
+import types
 import typing
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
@@ -94,6 +95,10 @@ def _read(hint: Any, value: Any, where: str) -> Any:
     if dataclasses.is_dataclass(hint):
         return from_dict(typing.cast(type, hint), value, where)
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin is types.UnionType:  # T | None
+        if value is None and type(None) in arguments:
+            return None
+        return _read(next(kind for kind in arguments if kind is not type(None)), value, where)
     if origin is typing.Literal:
         if value in arguments:
             return value

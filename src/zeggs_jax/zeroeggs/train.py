@@ -6,9 +6,6 @@ The same call on the same folder goes on from there, with the numbers of a run t
 
 import dataclasses
 import hashlib
-import json
-import math
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,49 +18,19 @@ from jaxtyping import Array, Float
 from ..data import windows
 from ..data.prepared import Prepared, load
 from ..data.scale import Scales
-from ..data.windows import Batch, WindowConfig
+from ..data.windows import Batch
 from ..training import checkpoint, loop
 from ..training.loop import Metrics, TrainState
 from ..training.optimiser import radam, stepped_rate
 from . import losses
 from .checkpoints import describe
-from .config import ZeroEggsConfig, from_dict, to_dict
+from .config import ZeroEggsConfig, to_dict
 from .losses import Terms
 from .model import Params, StyleDistribution, decode, encode_speech, encode_style, init, reparameterise
 from .run_folder import check_same, write_json
 from .run_folder import prepared as prepared  # what `train` trains on, made if need be
-
-
-@dataclass(frozen=True)
-class TrainConfig:
-    """All settings of a run; the defaults are the paper's, as released (v1)."""
-
-    model: ZeroEggsConfig = field(default_factory=ZeroEggsConfig)  # joints and frame time come from the corpus
-    windows: WindowConfig = field(default_factory=WindowConfig)
-    steps: int = 160_000
-    learning_rate: float = 1e-4
-    decay: float = 0.995  # of the learning rate, after each 1,000 updates
-    eps: float = 1e-5
-    kl_limit: float = 0.2
-    kl_middle: float = 7500.0  # update at which the annealing of the divergence would reach 1/2
-    kl_slope: float = 0.005  # per update
-    seed: int = 1234
-    log_every: int = 10
-    checkpoint_every: int = 5000
-    keep: int = 3
-    speech_columns: bool = False  # a std for every speech feature; used when the corpus still has to be prepared
-
-    def __post_init__(self) -> None:
-        for name, low in (("steps", 0), ("log_every", 1), ("checkpoint_every", 1), ("keep", 1)):
-            if getattr(self, name) < low:
-                raise ValueError(f"{name} is {getattr(self, name)}; it must be at least {low}.")
-        if not 0 <= self.seed < 2**32:
-            raise ValueError(f"seed is {self.seed}; it must be at least 0 and below 2**32.")
-        for name in ("learning_rate", "eps"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} is {getattr(self, name)}; it must be above 0 and finite.")
-        if not 0 < self.decay <= 1:
-            raise ValueError(f"decay is {self.decay}; it must be above 0 and at most 1.")
+from .settings import TrainConfig
+from .settings import read_config as read_config
 
 
 class Draws(NamedTuple):
@@ -134,9 +101,7 @@ def optimiser(config: TrainConfig) -> Any:
     return radam(stepped_rate(config.learning_rate, config.decay), eps=config.eps)
 
 
-def train(
-    folder: str | Path, out: str | Path, config: TrainConfig = TrainConfig(), progress: bool = True
-) -> TrainState:
+def train(folder: str | Path, out: str | Path, config: TrainConfig, progress: bool = True) -> TrainState:
     """Train on the prepared corpus in `folder` (see `prepared`), writing the run to folder `out`.
 
     Goes on where the run in `out` stopped. ValueError when it was started with other settings or on another
@@ -164,14 +129,6 @@ def train(
         lambda path, state: checkpoint.save(path, _tree(state, arrays.scales), metadata),
         progress,
     )
-
-
-def read_config(path: str | Path) -> TrainConfig:
-    """TrainConfig from a JSON file; keys left out keep their defaults, an unknown key is a ValueError."""
-    try:
-        return from_dict(TrainConfig, json.loads(Path(path).read_text(encoding="utf-8")), f"'{path}'")
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise ValueError(f"'{path}' is not JSON ({error}); write the settings as one JSON object.") from error
 
 
 def fit_config(config: TrainConfig, corpus: Prepared) -> TrainConfig:
