@@ -1,7 +1,8 @@
 """Build the training corpus of the bundled model: our own voice, and TTS voices where their programs exist.
 
-    python experiments/make_corpus.py OUT --minutes 80 --processes 2
+    python experiments/make_corpus.py OUT --minutes 80 --hold-out-voices kal_diphone +m4 +f3
 
+Clips by a held-out voice go to OUT/new_speaker, which training never sees (03_generalisation.py wants it).
 espeak-ng and festival are asked for only here (Debian: espeak-ng festival festvox-kallpc16k festvox-kdlpc16k
 festvox-us-slt-hts); without them every clip is spoken by the package's own voice.
 """
@@ -41,6 +42,7 @@ ESPEAK_VARIANTS = (
 )
 FESTIVAL = ("kal_diphone", "ked_diphone", "cmu_us_slt_arctic_hts")
 SECONDS = (15.0, 30.0)
+NEW_SPEAKER = "new_speaker"
 
 
 def programs() -> tuple[str, ...]:
@@ -98,9 +100,20 @@ def record(take: corpus.Take, spoken_by: tuple[str, ...], synthetic_share: float
     return recording.Recording(np.concatenate([silence, wave[max(start - 1600, 0) :]]), text, (), speaker)
 
 
-def make(take: corpus.Take, folder: Path, spoken_by: tuple[str, ...], synthetic_share: float) -> None:
-    """Record, perform and write one take."""
-    corpus.write_take(folder, take, record(take, spoken_by, synthetic_share))
+def held_out(speaker: str, voices: tuple[str, ...]) -> bool:
+    """Whether the speaker, such as 'espeak-ng en-us+m4 -s 150 -p 50', is one of the voices, such as '+m4'."""
+    return any(word.endswith(voice) for word in speaker.split() for voice in voices)
+
+
+def make(
+    take: corpus.Take, folder: Path, spoken_by: tuple[str, ...], synthetic_share: float, without: tuple[str, ...]
+) -> corpus.Take:
+    """Record, perform and write one take; one of the corpus itself by a voice of `without` goes to NEW_SPEAKER."""
+    speech = record(take, spoken_by, synthetic_share)
+    if "/" not in take.name and held_out(speech.speaker, without):
+        take = take._replace(name=f"{NEW_SPEAKER}/{take.name}", split="valid")
+    corpus.write_take(folder, take, speech)
+    return take
 
 
 def main() -> None:
@@ -111,16 +124,17 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--synthetic-share", type=float, default=0.4, help="clips by our own voice where TTS exists")
+    parser.add_argument("--hold-out-voices", nargs="+", default=(), metavar="VOICE", help="ends of voice names")
     arguments = parser.parse_args()
     clips = max(1, round(60.0 * arguments.minutes / (0.5 * sum(SECONDS))))
     takes = corpus.plan(corpus.CorpusConfig(clips=clips, seconds=SECONDS, seed=arguments.seed))
     spoken_by = programs()
     print(f"{len(takes)} clips, voices: {', '.join(('synthetic', *spoken_by))}")
-    one = partial(make, folder=arguments.out, spoken_by=spoken_by, synthetic_share=arguments.synthetic_share)
+    settings = {"folder": arguments.out, "spoken_by": spoken_by, "synthetic_share": arguments.synthetic_share}
+    one = partial(make, **settings, without=tuple(arguments.hold_out_voices))
     with multiprocessing.get_context("spawn").Pool(arguments.processes) as pool:
-        for _ in tqdm(pool.imap_unordered(one, takes), total=len(takes), unit="clip"):
-            pass
-    corpus.write_index(arguments.out, takes)
+        made = list(tqdm(pool.imap(one, takes), total=len(takes), unit="clip"))
+    corpus.write_index(arguments.out, made)
 
 
 if __name__ == "__main__":

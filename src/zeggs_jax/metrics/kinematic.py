@@ -46,10 +46,8 @@ def style_statistics(clip: Clip) -> Float[np.ndarray, " S"]:
     Positions are relative to the hips' ground point and in the body's mean heading, so that neither
     where the body stands nor where it looks counts.
     """
-    skeleton = clip.skeleton
-    left, right, hips, spine, head = map(skeleton.role, ("left_hand", "right_hand", "hips", "spine", "head"))
-    shoulders = [skeleton.parents[skeleton.parents[hand]] for hand in (left, right)]
-    body = _in_heading(world_positions(clip), shoulders, hips)
+    left, right, hips, spine, head = map(clip.skeleton.role, ("left_hand", "right_hand", "hips", "spine", "head"))
+    body = in_heading(clip)
     pace = np.log(1.0 + speeds(body, bvh.rate_hz(clip.frame_time)))
     parts = [body[:, j] for j in (left, right, head, spine, hips)]
     means = [part.mean(axis=0) for part in parts]
@@ -58,11 +56,13 @@ def style_statistics(clip: Clip) -> Float[np.ndarray, " S"]:
     return np.concatenate([*means, *spreads, *paces])
 
 
-def _in_heading(positions: Positions, shoulders: list[int], hips: int) -> Positions:
-    """Positions relative to the mean hips' ground point, turned so that the shoulders' mean line is x."""
+def in_heading(clip: Clip) -> Positions:
+    """World positions relative to the mean hips' ground point, turned so that the shoulders' mean line is x."""
+    skeleton, positions = clip.skeleton, world_positions(clip)
+    shoulders = [skeleton.parents[skeleton.parents[skeleton.role(hand)]] for hand in ("left_hand", "right_hand")]
     across = (positions[:, shoulders[0]] - positions[:, shoulders[1]]).mean(axis=0)
     angle = np.arctan2(across[2], across[0])
     cos, sin = np.cos(angle), np.sin(angle)
     turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
-    origin = positions[:, hips].mean(axis=0) * np.array([1.0, 0.0, 1.0])
+    origin = positions[:, skeleton.role("hips")].mean(axis=0) * np.array([1.0, 0.0, 1.0])
     return (positions - origin) @ turn.T
