@@ -48,7 +48,7 @@ def encode(clip: Clip) -> Motion:
         clip.positions,
     )
     gaze = np.median(pose.root.pos + GAZE_DISTANCE * look, axis=0)
-    pose, gaze = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), (pose, gaze))
+    pose, gaze = jax.tree.map(lambda x: jnp.asarray(x.astype(np.float32)), (pose, gaze))  # numpy rounds: see above
     return Motion(pose, gaze)
 
 
@@ -103,7 +103,7 @@ def in_float64(function: Callable[..., Any], *arguments: Any) -> Any:
 
     with jax.enable_x64(True):
         result = function(*jax.tree.map(padded, arguments))
-        return jax.tree.map(lambda x: np.array(x[:frames]), result)
+        return jax.tree.map(lambda x: np.array(x)[:frames], result)  # numpy cuts: jax would compile every length
 
 
 def _path(skeleton: Skeleton, role: str) -> tuple[int, ...]:
