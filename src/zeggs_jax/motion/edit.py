@@ -2,6 +2,8 @@
 
 import jax
 import numpy as np
+from jax import Array
+from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
 from zeggs_jax.geometry import quaternion
@@ -94,6 +96,34 @@ def centre(clip: Clip, as_released: bool = False) -> Clip:
     rotations[:, 0] = in_float64(jax.jit(quaternion.multiply), back, rotations[:, 0])
     positions[:, 0] = in_float64(jax.jit(quaternion.rotate), back, moved)
     return with_quaternions(clip, rotations, positions)
+
+
+def reframe(
+    clip: Clip, world: Float[np.ndarray, "3 3"], frames: Float[np.ndarray, "J 3 3"], scale: float = 1.0
+) -> Clip:
+    """The same motion seen in a world turned by `world`, in joint frames turned by `frames`, `scale` times as large.
+
+    World rotations G become `world G frame^-1`, positions are turned by `world` and scaled; all are rotations.
+    """
+    above = np.stack([world if parent < 0 else frames[parent] for parent in clip.skeleton.parents])
+    run = jax.jit(_reframed)
+    rotations, positions = in_float64(
+        lambda turns, places: run(turns, places, above, frames), local_quaternions(clip), clip.positions
+    )
+    offsets = scale * np.einsum("jab,jb->ja", above, clip.skeleton.offsets)
+    skeleton = Skeleton(clip.skeleton.names, clip.skeleton.parents, offsets, clip.skeleton.roles)
+    return with_quaternions(clip._replace(skeleton=skeleton), rotations, scale * positions)
+
+
+def _reframed(
+    turns: Float[Array, "T J 4"],
+    places: Float[Array, "T J 3"],
+    above: Float[Array, "J 3 3"],
+    frames: Float[Array, "J 3 3"],
+) -> tuple[Float[Array, "T J 4"], Float[Array, "T J 3"]]:
+    parent, own = (quaternion.from_matrix(matrix)[None] for matrix in (above, frames))
+    turned = quaternion.multiply(quaternion.multiply(parent, turns), quaternion.inverse(own))
+    return turned, quaternion.rotate(parent, places)
 
 
 def fit(clip: Clip, skeleton: Skeleton, name: str) -> Clip:

@@ -41,7 +41,8 @@ def encode(clip: Clip) -> Motion:
     frames = len(clip.euler)
     if frames < 4:
         raise ValueError(f"A clip of {frames} frames is too short for velocities; give at least 4 frames.")
-    paths = tuple(_path(clip.skeleton, role) for role in ("hips", "spine", "head"))
+    body = clip.skeleton
+    paths = tuple(tuple(body.path(body.role(role))) for role in ("hips", "spine", "head"))
     pose, look = in_float64(
         partial(_encode, orders=clip.orders, paths=paths, frame_time=clip.frame_time),
         clip.euler,
@@ -92,6 +93,12 @@ def world_positions(clip: Clip) -> Float[np.ndarray, "T J 3"]:
     return in_float64(run, clip.euler, clip.positions)
 
 
+def world_frames(clip: Clip) -> tuple[Float[np.ndarray, "T J 3"], Float[np.ndarray, "T J 3 3"]]:
+    """Positions of all joints in world, cm, and rotation matrices whose columns are their axes in world."""
+    run = partial(_world_frames, orders=clip.orders, parents=clip.skeleton.parents)
+    return in_float64(run, clip.euler, clip.positions)
+
+
 def in_float64(function: Callable[..., Any], *arguments: Any) -> Any:
     """Call with every array in float64 and padded in time; results cut to length, as numpy arrays."""
     frames = len(jax.tree.leaves(arguments)[0])
@@ -104,14 +111,6 @@ def in_float64(function: Callable[..., Any], *arguments: Any) -> Any:
     with jax.enable_x64(True):
         result = function(*jax.tree.map(padded, arguments))
         return jax.tree.map(lambda x: np.array(x)[:frames], result)  # numpy cuts: jax would compile every length
-
-
-def _path(skeleton: Skeleton, role: str) -> tuple[int, ...]:
-    """Joint numbers from joint 0 down to the joint of a role."""
-    path = [skeleton.role(role)]
-    while path[0]:
-        path.insert(0, skeleton.parents[path[0]])
-    return tuple(path)
 
 
 @partial(jax.jit, static_argnames="orders")
@@ -141,6 +140,19 @@ def _world_positions(
 ) -> Float[Array, "T J 3"]:
     rotations = _by_order(quaternion.from_euler, euler, orders)
     return jax.vmap(partial(kinematics.forward_positions, parents=parents))(positions, rotations)
+
+
+@partial(jax.jit, static_argnames=("orders", "parents"))
+def _world_frames(
+    euler: Float[Array, "T J 3"],
+    positions: Float[Array, "T J 3"],
+    orders: tuple[str, ...],
+    parents: tuple[int, ...],
+) -> tuple[Float[Array, "T J 3"], Float[Array, "T J 3 3"]]:
+    still = jnp.zeros_like(positions)
+    turns = quaternion.to_matrix(_by_order(quaternion.from_euler, euler, orders))
+    world = jax.vmap(partial(kinematics.chain, parents=parents))(kinematics.World(positions, turns, still, still))
+    return world.pos, world.mat
 
 
 @partial(jax.jit, static_argnames=("orders", "paths"))

@@ -160,9 +160,25 @@ class Skeleton:
             )
         return self.index(name)
 
+    def path(self, joint: int) -> list[int]:
+        """Joint numbers from joint 0 down to `joint`."""
+        path = [joint]
+        while path[0]:
+            path.insert(0, self.parents[path[0]])
+        return path
+
     def levels(self) -> tuple[tuple[int, ...], ...]:
         """Joint numbers by depth: the root, its children, their children, ..."""
         return levels(self.parents)
+
+    def pairs(self) -> list[tuple[int, int]]:
+        """Numbers of the joints that are named alike on both sides, (left, right)."""
+        named = {_words(name): joint for joint, name in enumerate(self.names)}
+        return [
+            (joint, named["right", words])
+            for (side, words), joint in named.items()
+            if side == "left" and ("right", words) in named
+        ]
 
     def mirror_map(self) -> tuple[int, ...]:
         """For every joint the number of its counterpart across; itself for joints in the middle."""
