@@ -8,11 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from zeggs_jax.data import windows as windows_of
 from zeggs_jax.data.prepare import Prepared
 from zeggs_jax.data.windows import WindowConfig, batch, example_rows, released_example_rows, window_count
 from zeggs_jax.motion.pose import to_vector
 
-SMALL = WindowConfig(batch=16, window=24, example=(24, 48))
+AUGMENTED = WindowConfig(batch=16, window=24, example=(24, 48))
+SMALL = replace(AUGMENTED, mirror=0.0, pace=0.0)
+RELEASED = replace(SMALL, as_released=True)
 
 
 @st.composite
@@ -60,11 +63,37 @@ def test_windows_of_a_clip():
     assert window_count(ranges, 4, as_released=True).tolist() == [6, 0, 0]
 
 
-def test_a_batch_is_a_function_of_seed_and_number(prepared: Prepared):
-    first, again, other, seed = (batch(prepared, s, k, SMALL) for s, k in ((3, 7), (3, 7), (3, 8), (4, 7)))
+@pytest.mark.parametrize("config", [SMALL, AUGMENTED], ids=["plain", "augmented"])
+def test_a_batch_is_a_function_of_seed_and_number(prepared: Prepared, config):
+    first, again, other, seed = (batch(prepared, s, k, config) for s, k in ((3, 7), (3, 7), (3, 8), (4, 7)))
     jax.tree.map(np.testing.assert_array_equal, first, again)
     for different in (other, seed):
         assert not np.array_equal(first.speech, different.speech)
+
+
+@pytest.mark.parametrize("split", ["train", "valid"])
+@pytest.mark.parametrize("config", [SMALL, AUGMENTED, RELEASED], ids=["plain", "augmented", "released"])
+def test_shares_put_together_are_the_batch(prepared: Prepared, split, config):
+    for k in (0, 5):
+        whole = batch(prepared, 2, k, config, split)
+        for count in (1, 2, 4):
+            parts = [batch(prepared, 2, k, config, split, (i, count)) for i in range(count)]
+            assert {len(part.label) for part in parts} == {16 // count}
+            jax.tree.map(lambda x, *xs: np.testing.assert_array_equal(np.concatenate(xs), x), whole, *parts)
+
+
+@pytest.mark.parametrize("share", [(2, 2), (-1, 2), (0, 3), (0, 0)])
+def test_a_share_that_is_none_is_refused(prepared: Prepared, share):
+    with pytest.raises(ValueError, match=f"Share {share[0]} of {share[1]} of a batch of 16"):
+        batch(prepared, 0, 0, SMALL, share=share)
+
+
+def test_a_share_reads_its_own_rows_only(prepared: Prepared, monkeypatch):
+    made = []
+    piece = windows_of._piece
+    monkeypatch.setattr(windows_of, "_piece", lambda p, plan, b, config: made.append(b) or piece(p, plan, b, config))
+    batch(prepared, 0, 0, AUGMENTED, share=(1, 4))
+    assert sorted(made) == [4, 5, 6, 7]
 
 
 def test_shapes_depend_on_the_config_alone(prepared: Prepared):
@@ -149,7 +178,7 @@ def test_a_clip_shorter_than_the_longest_example_is_padded(prepared: Prepared):
         root_pos=np.zeros((frames, 3), np.float32),
         root_rot=np.zeros((frames, 4), np.float32),
     )
-    b = batch(short, 0, 0)
+    b = batch(short, 0, 0, WindowConfig(mirror=0.0, pace=0.0))
     assert b.example.shape == (32, 512, width)
     assert b.example_length.max() == 300
     assert (b.example_length >= 256).all()

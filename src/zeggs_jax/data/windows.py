@@ -3,18 +3,19 @@
 Batch k is a pure function of (seed, k): nothing is shuffled or remembered, so training resumes anywhere.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Bool, Float32, Int32, Int64
 
+from zeggs_jax.data import augment
+from zeggs_jax.data.augment import Piece
 from zeggs_jax.data.prepared import Prepared
 from zeggs_jax.motion.pose import Pose, Root, from_vector
 
-_unpack = jax.jit(from_vector)  # half the time of the bare function; shapes never change
+MIRROR, PACE = 0.5, 0.1  # the paper's: as many mirrored windows as not, +-10 %
 
 
 class Batch(NamedTuple):
@@ -30,12 +31,18 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True)
 class WindowConfig:
-    """Sizes in frames; the defaults are the paper's."""
+    """Sizes in frames; the defaults are the paper's.
+
+    Only the training split is augmented. None is the paper's share or pace; for windows or a corpus as
+    released it is 0 (the release's corpus brings its own copies), as is the mirror of a body without sides.
+    """
 
     batch: int = 32
     window: int = 256
     example: tuple[int, int] = (256, 512)  # shortest and longest, even
     as_released: bool = False  # one length per batch, examples that reach a frame into the next clip
+    mirror: float | None = None  # share of windows that are mirrored; None: 0.5
+    pace: float | None = None  # each batch is played at a pace drawn from 1 +- this; None: 0.1
 
     def __post_init__(self) -> None:
         low, high = self.example
@@ -44,37 +51,85 @@ class WindowConfig:
                 f"Windows of {self.window} frames with examples of {low} to {high} do not fit; give examples "
                 "even lengths of at least the window."
             )
+        for name, value, top in (("mirror", self.mirror, 1.0), ("pace", self.pace, 0.5)):
+            if value is not None and not 0 <= value <= top:
+                raise ValueError(f"{name} is {value}; give a number from 0 to {top}.")
+        if self.as_released and (self.mirror or self.pace):
+            raise ValueError("Windows as released are neither mirrored nor paced; leave out mirror and pace.")
 
 
-def batch(prepared: Prepared, seed: int, k: int, config: WindowConfig = WindowConfig(), split: str = "train") -> Batch:
+class _Plan(NamedTuple):
+    """What a batch is made of: all of its randomness."""
+
+    clip: Int32[np.ndarray, " B"]
+    first: Int64[np.ndarray, " B"]  # row of each window's first frame, in clips that are played at the pace
+    length: Int64[np.ndarray, " B"]  # of the examples, as drawn
+    mirrored: Bool[np.ndarray, " B"]
+    pace: float
+    ranges: Int32[np.ndarray, "C 2"]  # of the clips, played at the pace
+
+
+def batch(
+    prepared: Prepared,
+    seed: int,
+    k: int,
+    config: WindowConfig = WindowConfig(),
+    split: str = "train",
+    share: tuple[int, int] = (0, 1),
+) -> Batch:
     """Batch number k: windows drawn evenly from all clips of the split, example lengths from all even ones.
 
-    An example lies around its window, shifted where the clip ends, and shorter than drawn only where the
-    whole clip is. Raises ValueError when no clip of the split is as long as a window.
+    `share` (i, n) gives the i-th of n equal parts of the batch, and makes no more than that. An example lies
+    around its window, shifted where the clip ends, and shorter than drawn only where the whole clip is.
+    Windows of the training split are mirrored and played at another pace (ZeroEGGS Sec. 4.1), with their
+    examples, speech and gaze. Raises ValueError when no clip of the split is as long as a window, or when the
+    batch has no n equal parts.
     """
-    random = np.random.default_rng((seed, k))
-    clips, first = _draw_windows(prepared, random, config, split)
-    low, high = config.example
-    lengths = 2 * random.integers(low // 2, high // 2, size=config.batch, endpoint=True)
-    if config.as_released:
-        lengths[:] = low if k == 0 else lengths[0]
-    example = np.zeros((config.batch, high, prepared.pose.shape[1]), np.float32)
-    example_length = np.zeros(config.batch, np.int32)
-    for b, (clip, start, length) in enumerate(zip(clips, first, lengths, strict=True)):
-        window = (int(start), int(start) + config.window)
-        rows = _rows(window, prepared.ranges[clip], len(prepared.pose), int(length), config.as_released)
-        example_length[b] = len(rows)
-        example[b, : len(rows)] = prepared.pose[rows]
-    windows = [slice(start, start + config.window) for start in first]
-    root = Root(*(jnp.asarray(np.stack([x[w] for w in windows])) for x in (prepared.root_pos, prepared.root_rot)))
+    plan = _plan(prepared, seed, k, config, split)
+    part = _part(config.batch, share)
+    clips, mirrored = plan.clip[part], plan.mirrored[part]
+    count, (_, longest) = len(clips), config.example
+    windows = [np.zeros((count, config.window, x.shape[1]), np.float32) for x in _arrays(prepared)]
+    example = np.zeros((count, longest, prepared.pose.shape[1]), np.float32)
+    example_length = np.zeros(count, np.int32)
+    across = _across(prepared)
+    image = augment.mirror_of(prepared.skeleton, across) if mirrored.any() and across else None
+
+    def fill(b: int) -> None:
+        piece, start = _piece(prepared, plan, part.start + b, config)
+        piece = augment.mirror(piece, image) if mirrored[b] and image else piece
+        example_length[b] = len(piece.pose)
+        example[b, : len(piece.pose)] = piece.pose
+        for window, frames in zip(windows, piece, strict=True):
+            window[b] = frames[start : start + config.window]
+
+    with ThreadPoolExecutor() as pool:  # copying leaves Python's lock free
+        list(pool.map(fill, range(count)))
+    speech, pose, pos, rot = windows
+    flip = np.where(mirrored[:, None], np.array([-1, 1, 1], np.float32), np.float32(1))
     return Batch(
-        speech=np.stack([prepared.speech[w] for w in windows]),
-        poses=_unpack(np.stack([prepared.pose[w] for w in windows]), root),
-        gaze=prepared.gaze[clips],
+        speech=speech,
+        poses=from_vector(pose, Root(pos, rot)),  # pyright: ignore[reportArgumentType]  numpy, not yet on a device
+        gaze=prepared.gaze[clips] * flip,
         example=example,
         example_length=example_length,
         label=prepared.labels[clips],
     )
+
+
+def augmentation(config: WindowConfig, prepared: Prepared, split: str = "train") -> tuple[float, float]:
+    """Share of windows that are mirrored, and how far the pace goes from 1, once None is decided."""
+    as_released = config.as_released or bool(prepared.config.get("as_released"))
+    if split != "train":
+        return 0.0, 0.0
+    across = _across(prepared)
+    if config.mirror and across is None:
+        raise ValueError(
+            f"The body of '{prepared.folder}' has joints without a counterpart on the other side, so its windows "
+            "cannot be mirrored; set windows.mirror to 0 or leave it out."
+        )
+    mirror = config.mirror if config.mirror is not None else 0.0 if as_released or across is None else MIRROR
+    return mirror, config.pace if config.pace is not None else 0.0 if as_released else PACE
 
 
 def window_count(ranges: Int32[np.ndarray, "C 2"], window: int, as_released: bool = False) -> Int32[np.ndarray, " C"]:
@@ -107,19 +162,71 @@ def released_example_rows(
     return np.concatenate([rows, rows[-missing:]]) if missing > 0 else rows
 
 
-def _rows(window, clip, frames: int, length: int, as_released: bool) -> np.ndarray:
-    clip = (int(clip[0]), int(clip[1]))
-    if as_released:
-        return released_example_rows(window, clip, frames, length)
-    return example_rows(window, clip, length)
+def _part(size: int, share: tuple[int, int]) -> slice:
+    """Rows of a batch that make up a share of it."""
+    index, count = share
+    if not 0 <= index < count or size % max(count, 1):
+        raise ValueError(
+            f"Share {index} of {count} of a batch of {size} windows is none of equal parts; give a batch size that "
+            "the number of processes divides."
+        )
+    return slice(size // count * index, size // count * (index + 1))
+
+
+def _plan(prepared: Prepared, seed: int, k: int, config: WindowConfig, split: str) -> _Plan:
+    """Everything that is drawn, for the whole batch."""
+    mirror, spread = augmentation(config, prepared, split)
+    random, other = np.random.default_rng((seed, k)), np.random.default_rng((seed, k, 1))
+    mirrored, faster = other.random(config.batch) < mirror, float(other.uniform(-1, 1))
+    pace = 1.0 + spread * faster
+    ranges = prepared.ranges
+    if pace != 1.0:  # a pace at which some clip still holds a window
+        longest = int(np.diff(ranges[prepared.clips(split)]).max(initial=0))
+        pace = min(pace, (max(longest, config.window) - 1) / max(config.window - 1, 1))
+        ranges = augment.played_ranges(ranges, pace)
+    clips, first = _draw_windows(prepared, ranges, random, config, split)
+    low, high = config.example
+    lengths = 2 * random.integers(low // 2, high // 2, size=config.batch, endpoint=True)
+    if config.as_released:
+        lengths[:] = low if k == 0 else lengths[0]
+    return _Plan(clips, first, lengths, mirrored, pace, ranges)
+
+
+def _piece(prepared: Prepared, plan: _Plan, b: int, config: WindowConfig) -> tuple[Piece, int]:
+    """The frames of an example, and at which of them its window starts."""
+    clip, first = plan.clip[b], int(plan.first[b])
+    start, stop = (int(row) for row in plan.ranges[clip])
+    window, length = (first, first + config.window), int(plan.length[b])
+    if config.as_released:
+        rows = released_example_rows(window, (start, stop), len(prepared.pose), length)
+    else:
+        rows = example_rows(window, (start, stop), length)
+    offset = first - int(rows[0])
+    if plan.pace == 1.0:
+        return Piece(*(x[rows] for x in _arrays(prepared))), offset
+    at = (np.arange(rows[0] - 1, rows[-1] + 1) - start) * plan.pace
+    whole = slice(start, int(prepared.ranges[clip, 1]))
+    clip_rows = Piece(*(x[whole] for x in _arrays(prepared)))
+    return augment.paced(clip_rows, at, plan.pace, prepared.frame_time, config.example[1]), offset
+
+
+def _arrays(prepared: Prepared) -> Piece:
+    return Piece(prepared.speech, prepared.pose, prepared.root_pos, prepared.root_rot)
+
+
+def _across(prepared: Prepared) -> tuple[int, ...] | None:
+    try:
+        return prepared.skeleton.mirror_map()
+    except ValueError:
+        return None
 
 
 def _draw_windows(
-    prepared: Prepared, random: np.random.Generator, config: WindowConfig, split: str
+    prepared: Prepared, ranges: Int32[np.ndarray, "C 2"], random: np.random.Generator, config: WindowConfig, split: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Clip and first frame of each window of a batch."""
+    """Clip and first frame of each window of a batch, in clips with these ranges."""
     clips = prepared.clips(split)
-    ranges = prepared.ranges[clips].reshape(-1, 2)
+    ranges = ranges[clips].reshape(-1, 2)
     ends = np.cumsum(window_count(ranges, config.window, config.as_released), dtype=np.int64)
     if not len(ends) or ends[-1] == 0:
         longest = int((ranges[:, 1] - ranges[:, 0]).max(initial=0))
