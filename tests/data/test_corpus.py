@@ -2,9 +2,9 @@
 
 import pytest
 
-from zeggs_jax.data import corpus
+from zeggs_jax.data import corpus, release
 
-INFO = ",".join(corpus.RELEASE_COLUMNS)
+INFO = ",".join(release.COLUMNS)
 
 
 def touch(folder, *names):
