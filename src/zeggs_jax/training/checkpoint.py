@@ -7,7 +7,9 @@ reads them: a flipped bit is an error, never another network.
 
 import hashlib
 import json
+import logging
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Mapping
@@ -17,6 +19,8 @@ from typing import Any
 import jax
 import numpy as np
 
+from . import devices
+
 FORMAT = 1
 MANIFEST = "checkpoint.json"
 ARRAYS = "arrays"
@@ -25,10 +29,11 @@ ARRAYS = "arrays"
 def save(path: str | Path, tree: Any, metadata: Mapping[str, Any]) -> str:
     """Write `tree` (any pytree of arrays, dtypes kept) and JSON-able `metadata` to folder `path`; return its digest.
 
-    The folder is made beside `path` and renamed into place, so a kill leaves the old checkpoint or the new one.
+    The folder is made beside `path` and renamed into place, so a kill leaves the old checkpoint or the new one. In a
+    run of several processes all call this with the same arrays (replicated ones), in a folder that they share: the
+    first writes, and when it returns, anywhere, the checkpoint is complete. OSError, everywhere, when it cannot be
+    written: no room, no right.
     """
-    import orbax.checkpoint as ocp  # slow to import: 0.3 s that nobody pays who only reads this file
-
     path = Path(path).absolute()
     leaves = {name: np.asarray(leaf) for name, leaf in _named_leaves(tree).items()}
     for name, leaf in leaves.items():
@@ -40,11 +45,16 @@ def save(path: str | Path, tree: Any, metadata: Mapping[str, Any]) -> str:
         "leaves": {name: _fingerprint(leaf) for name, leaf in leaves.items()},
     }
     content["digest"] = _content_digest(content)
+    devices.first_does(lambda: _write(path, leaves, content))
+    return content["digest"]
+
+
+def _write(path: Path, leaves: Mapping[str, np.ndarray], content: dict[str, Any]) -> None:
+    """Make the folder beside `path`, orbax's part and the manifest, and rename it into place."""
     path.parent.mkdir(parents=True, exist_ok=True)
     work = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
     try:
-        with ocp.StandardCheckpointer() as writer:
-            writer.save(work / ARRAYS, _nest(leaves))
+        _write_arrays(work / ARRAYS, leaves)
         marker = work / ARRAYS / "commit_success.txt"
         if marker.exists():
             marker.write_text("committed\n")  # orbax writes the machine's path here, which nobody else should read
@@ -54,7 +64,35 @@ def save(path: str | Path, tree: Any, metadata: Mapping[str, Any]) -> str:
         _swap_in(work, path)
     finally:
         shutil.rmtree(work, ignore_errors=True)
-    return content["digest"]
+
+
+def _write_arrays(folder: Path, leaves: Mapping[str, np.ndarray]) -> None:
+    """Orbax's part; OSError, with the system's code where there is one, for all that it raises."""
+    log = logging.getLogger("absl")  # where orbax's threads would print their stack traces
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        with _orbax() as writer:
+            writer.save(folder, _nest(leaves))
+    except OSError:
+        raise
+    except Exception as problem:
+        if code := re.search(r"os_error_code='(\d+)'", str(problem)):
+            raise OSError(int(code[1]), os.strerror(int(code[1])), str(folder)) from problem
+        raise OSError(f"orbax cannot write '{folder}': {problem!r}.") from problem
+    finally:
+        log.setLevel(level)
+
+
+def _orbax() -> Any:
+    """Orbax's reader and writer for this process alone: the arrays are whole in each, so none waits for another."""
+    import orbax.checkpoint as ocp  # slow to import: 0.3 s that nobody pays who only reads this file
+
+    me = jax.process_index()
+    alone = ocp.options.MultiprocessingOptions(
+        primary_host=me, active_processes={me}, barrier_sync_key_prefix=f"process{me}"
+    )
+    return ocp.StandardCheckpointer(multiprocessing_options=alone)
 
 
 def load(path: str | Path, template: Any = None) -> tuple[Any, dict[str, Any]]:
@@ -190,7 +228,7 @@ def _read_arrays(path: Path, content: Mapping[str, Any]) -> dict[str, np.ndarray
             state = "changed on disk" if file.is_file() else "is missing"
             raise ValueError(f"checkpoint '{path}' is damaged: {ARRAYS}/{name} {state}; take another copy of it.")
     try:
-        with ocp.StandardCheckpointer() as reader:
+        with _orbax() as reader:
             stored = _named_leaves(reader.restore(path / ARRAYS))
         return {name: np.asarray(stored[name]) for name in content["leaves"]}
     except Exception as problem:  # whatever orbax raises when it cannot read what it wrote, another version's for one

@@ -4,8 +4,12 @@ A jitted step needs no change for it: `jit` follows the shardings of its argumen
 clips it holds and the mean over the batch becomes an all-reduce. One device in one process takes the same path.
 """
 
+import os
+import sys
+import threading
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import jax
@@ -15,6 +19,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 AXIS = "batch"
 AUTO = "auto"
+GRACE = 60  # s, by which JAX is more patient than we are
 
 
 def start(
@@ -34,19 +39,72 @@ def start(
             raise ValueError("with --coordinator auto the cluster says how many processes there are: leave them out.")
     else:
         _check_address(coordinator, processes, process)
-    # JAX's own notice of SIGTERM would take the place of ours; see `any_process`.
+    # JAX's own notice of SIGTERM would take the place of the loop's; see `any_process`.
     jax.config.update("jax_enable_preemption_service", False)
+    where = "the cluster" if coordinator == AUTO else f"process {process} of {processes}, coordinator '{coordinator}'"
+    with _patience(timeout_s if process else timeout_s + 5, where):  # without process 0, JAX would abort the others
+        try:
+            if coordinator == AUTO:
+                jax.distributed.initialize(initialization_timeout=timeout_s + GRACE)
+            else:
+                jax.distributed.initialize(
+                    coordinator,
+                    processes,
+                    process,
+                    cluster_detection_method="deactivate",  # else SLURM would leave us one of the host's devices
+                    initialization_timeout=timeout_s + GRACE,
+                )
+        except (RuntimeError, ValueError) as error:
+            raise OSError(f"cannot join the run's processes ({where}): {_one_line(error)}") from error
+
+
+@contextmanager
+def _patience(seconds: int, where: str) -> Iterator[None]:
+    """Ends the process with one sentence when the block takes longer; JAX would abort it with a stack trace."""
+
+    def give_up() -> None:
+        print(
+            f"zeggs: the run's processes did not meet within {seconds} s ({where}): start all of them, with the same "
+            "coordinator and number of processes and each with its own number, where they can reach its port.",
+            file=sys.stderr,
+            flush=True,
+        )
+        os._exit(2)  # the main thread is inside JAX and hears nothing
+
+    timer = threading.Timer(seconds, give_up)
+    timer.daemon = True
+    timer.start()
     try:
-        if coordinator == AUTO:
-            jax.distributed.initialize(initialization_timeout=timeout_s)
-        else:
-            jax.distributed.initialize(
-                coordinator, processes, process, cluster_detection_method="deactivate", initialization_timeout=timeout_s
-            )
-    except (RuntimeError, ValueError) as error:
-        where = "the cluster's processes" if coordinator == AUTO else f"coordinator '{coordinator}'"
-        reason = " ".join(str(error).split())
-        raise OSError(f"{where} could not be joined within {timeout_s} s: {reason}") from error
+        yield
+    finally:
+        timer.cancel()
+
+
+@contextmanager
+def company() -> Iterator[None]:
+    """OSError in place of JAX's own error when, within the block, another process of the run is gone."""
+    try:
+        yield
+    except jax.errors.JaxRuntimeError as error:
+        if jax.process_count() == 1 or "RESOURCE_EXHAUSTED" in str(error):
+            raise
+        raise OSError(
+            f"the run's other processes no longer answer ({_one_line(error)}); one of them says why, and the same "
+            "commands go on from the last checkpoint."
+        ) from error
+
+
+def leave(status: int) -> None:
+    """End this process after an error. Among several, at once: the usual way out waits for the others, which wait."""
+    if jax.distributed.is_initialized():
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+    sys.exit(status)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:300]
 
 
 def mesh() -> Mesh:
