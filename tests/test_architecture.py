@@ -27,8 +27,10 @@ ARROWS = {
 
 TOUCH_DISK = {
     "cli.py", "speech/wav.py", "motion/bvh.py", "data/corpus.py", "data/prepare.py", "data/prepared.py",
+    "data/arrays.py", "data/job.py", "data/report.py", "data/shard.py",
     "data/windows.py", "data/body.py", "data/entry.py", "data/release.py", "data/table.py",
-    "training/checkpoint.py", "training/loop.py", "training/keep.py", "training/record.py", "synthetic/corpus.py", "stage/player.py", "stage/figures.py",
+    "training/checkpoint.py", "training/loop.py", "training/keep.py", "training/record.py",
+    "synthetic/corpus.py", "stage/player.py", "stage/figures.py",
     "zeroeggs/generate.py", "zeroeggs/train.py", "zeroeggs/batch.py", "zeroeggs/examples.py",
     "zeroeggs/checkpoints.py", "zeroeggs/release_files.py", "zeroeggs/run_folder.py", "zeroeggs/settings.py",
     "zeroeggs/validation.py",

@@ -15,8 +15,9 @@ from zeggs_jax.motion.pose import Pose, to_vector
 from zeggs_jax.training.optimiser import RAdamState, radam, step_table, stepped_rate
 from zeggs_jax.zeroeggs.config import ZeroEggsConfig
 from zeggs_jax.zeroeggs.losses import Terms
+from zeggs_jax.zeroeggs.objective import Draws, Setting, batch_loss
+from zeggs_jax.zeroeggs.settings import TrainConfig
 from zeggs_jax.zeroeggs.torch_weights import from_torch, infer_config, read_scales, to_torch
-from zeggs_jax.zeroeggs.train import Draws, Setting, TrainConfig, batch_loss
 
 from .golden import Row, allowed, compare, max_error, read_arrays, read_case, recipe
 from .losses import RELATIVE, TERMS, gradient_rows, pose_of

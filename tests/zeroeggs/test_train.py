@@ -18,9 +18,10 @@ from zeggs_jax.data.windows import Batch, WindowConfig, batch
 from zeggs_jax.motion import bvh
 from zeggs_jax.motion.skeleton import Skeleton
 from zeggs_jax.speech import wav
-from zeggs_jax.training import checkpoint, loop
+from zeggs_jax.training import checkpoint, keep
+from zeggs_jax.training.record import TIMING, read_log
 from zeggs_jax.zeroeggs import model as m
-from zeggs_jax.zeroeggs import run_folder
+from zeggs_jax.zeroeggs import objective, run_folder
 from zeggs_jax.zeroeggs import train as t
 from zeggs_jax.zeroeggs.checkpoints import load_model, save_model
 
@@ -64,26 +65,27 @@ def run(corpus, tmp_path_factory) -> Path:
 
 
 def log_of(run: Path) -> list[dict]:
-    return list(loop.read_log(run / "log.jsonl"))
+    """The log without what depends on the clock."""
+    return [{key: line[key] for key in line if key not in TIMING} for line in read_log(run / "log.jsonl")]
 
 
 def test_a_run_leaves_its_log_and_checkpoints(run):
     log = log_of(run)
     assert [line["step"] for line in log] == list(range(6))
     assert len(log[0]) == 1 + 1 + 17 + 1 + 1  # step, loss, terms, kl, gradient
-    total = sum(log[3][name] for name in (*t.Terms._fields, "kl")) / 18
+    total = sum(log[3][name] for name in (*objective.Terms._fields, "kl")) / 18
     assert log[3]["loss"] == pytest.approx(total, rel=1e-5)
-    assert [path.name for path in loop.checkpoints(run)] == ["step_00000003", "step_00000006"]
+    assert [path.name for path in keep.checkpoints(run)] == ["step_00000003", "step_00000006"]
 
 
 def test_a_resumed_run_has_the_numbers_of_an_unbroken_one(run, corpus, tmp_path):
     """As after a kill: the log has lines of updates that no checkpoint holds."""
     killed = tmp_path / "killed"
     shutil.copytree(run, killed)
-    checkpoint.remove(loop.checkpoints(killed)[-1])
+    checkpoint.remove(keep.checkpoints(killed)[-1])
     state = t.train(corpus, killed, TINY, progress=False)
     assert log_of(killed) == log_of(run)
-    ours, theirs = (checkpoint.load(loop.checkpoints(folder)[-1])[0] for folder in (killed, run))
+    ours, theirs = (checkpoint.load(keep.checkpoints(folder)[-1])[0] for folder in (killed, run))
     jax.tree.map(np.testing.assert_array_equal, ours, theirs)
     jax.tree.map(np.testing.assert_array_equal, state.params, theirs["params"])
 
@@ -94,7 +96,7 @@ def test_a_run_is_a_model(run, corpus):
     assert model.skeleton.names == prepared.skeleton.names
     assert model.skeleton.roles == prepared.skeleton.roles
     np.testing.assert_array_equal(model.scales.pose_in.std, prepared.scales.pose_in.std)
-    before = load_model(loop.checkpoints(run)[0])
+    before = load_model(keep.checkpoints(run)[0])
     assert not np.array_equal(model.params["decoder"]["recurrent"]["dense_out"]["bias"],
                               before.params["decoder"]["recurrent"]["dense_out"]["bias"])  # fmt: skip
 
@@ -149,7 +151,7 @@ def test_another_corpus_does_not_resume(run, corpus, tmp_path):
 
 def test_a_damaged_checkpoint_does_not_resume(run, corpus, tmp_path):
     shutil.copytree(run, tmp_path / "run")
-    newest = loop.checkpoints(tmp_path / "run")[-1]
+    newest = keep.checkpoints(tmp_path / "run")[-1]
     shutil.rmtree(newest / "arrays")
     with pytest.raises(ValueError, match="is damaged"):
         t.train(corpus, tmp_path / "run", replace(TINY, steps=8), progress=False)
@@ -164,7 +166,7 @@ def test_bad_numbers_in_the_corpus_stop_the_run(corpus, tmp_path):
     np.save(tmp_path / "arrays" / "pose.npy", poses)
     with pytest.raises(ValueError, match=r"update 0 \(batch 0\): '\w+' is not finite; there is no checkpoint"):
         t.train(tmp_path / "arrays", tmp_path / "run", replace(TINY, model=BY_LABEL), progress=False)
-    assert loop.checkpoints(tmp_path / "run") == []
+    assert keep.checkpoints(tmp_path / "run") == []
 
 
 def test_labels_must_be_the_corpus_styles(corpus, tmp_path):
@@ -178,8 +180,8 @@ class Example(NamedTuple):
 
     params: m.Params
     clips: Batch
-    draws: t.Draws
-    setting: t.Setting
+    draws: objective.Draws
+    setting: objective.Setting
     loss: Callable[..., Any]  # of draws -> total, metrics
 
 
@@ -187,23 +189,23 @@ class Example(NamedTuple):
 def example(corpus) -> Example:
     prepared = load(corpus)
     config = t.fit_config(TINY, prepared)
-    setting = t.Setting(config, prepared.scales, prepared.skeleton.parents)
+    setting = objective.Setting(config, prepared.scales, prepared.skeleton.parents)
     params, clips = m.init(jax.random.key(0), config.model), batch(prepared, 0, 0, config.windows)
-    loss = jax.jit(lambda draws: t.batch_loss(params, clips, draws, 20_000, setting))
+    loss = jax.jit(lambda draws: objective.batch_loss(params, clips, draws, 20_000, setting))
     return Example(params, clips, draws_of(0, config), setting, loss)
 
 
-def draws_of(seed: int, config: t.TrainConfig) -> t.Draws:
+def draws_of(seed: int, config: t.TrainConfig) -> objective.Draws:
     keys = jax.random.split(jax.random.key(seed), config.windows.batch)
-    return jax.vmap(lambda key: t.draw(key, config.model))(keys)
+    return jax.vmap(lambda key: objective.draw(key, config.model))(keys)
 
 
 def test_the_loss_of_a_batch_is_the_mean_of_its_clips(example):
     total, metrics = example.loss(example.draws)
-    single = jax.jit(lambda clip, draw: t.clip_loss(example.params, clip, draw, example.setting))
+    single = jax.jit(lambda clip, draw: objective.clip_loss(example.params, clip, draw, example.setting))
     pairs = [jax.tree.map(lambda a, i=i: a[i], (example.clips, example.draws)) for i in range(2)]
     alone = [single(*pair) for pair in pairs]
-    for name in t.Terms._fields:
+    for name in objective.Terms._fields:
         mean = np.mean([getattr(terms, name) for terms, _ in alone])
         assert float(metrics[name]) == pytest.approx(float(mean), rel=1e-4)
     assert float(metrics["kl"]) == pytest.approx(0.2 * np.mean([kl for _, kl in alone]), rel=1e-4)
@@ -248,7 +250,9 @@ def test_defaults_are_the_papers():
     config = t.TrainConfig()
     assert (config.windows.batch, config.windows.window, config.windows.example) == (32, 256, (256, 512))
     assert (config.steps, config.learning_rate, config.decay, config.eps) == (160_000, 1e-4, 0.995, 1e-5)
-    assert jnp.isclose(t.losses.kl_weight(7000, config.kl_limit, config.kl_middle, config.kl_slope), 0.0759, rtol=1e-3)
+    assert jnp.isclose(
+        objective.losses.kl_weight(7000, config.kl_limit, config.kl_middle, config.kl_slope), 0.0759, rtol=1e-3
+    )
 
 
 def test_a_corpus_is_prepared_once(corpus, tmp_path, monkeypatch):

@@ -1,145 +1,157 @@
-"""The training loop, for any network: a state, a jitted step, batches by number, a log, checkpoints, a clean stop.
+"""The training loop, for any network: updates by number, records, validation, samples, checkpoints, a clean stop.
 
-The state is all there is: batch k and the random keys of update k follow from k and the seed, so a run that
-is stopped and resumed gives the same numbers as one that is not.
+Every process of a run goes through the same loop; the first one alone writes, validates and shows.
 """
 
-import json
-import math
 import signal
+import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
-import optax
-from jaxtyping import Array, Float, Int
 from tqdm import tqdm
 
-from . import checkpoint
-
-Metrics = dict[str, Float[Array, ""]]
-LossFn = Callable[[Any, Any, Array, Array], tuple[Array, Metrics]]  # params, batch, key, step -> loss, terms
-Step = Callable[["TrainState", Any], tuple["TrainState", Metrics]]
-
-
-class TrainState(NamedTuple):
-    """All that an update reads and changes; `step` counts the updates done."""
-
-    step: Int[Array, ""]
-    params: Any
-    opt_state: Any
+from . import devices, guard, keep
+from .feed import Feed
+from .record import Records
+from .step import Step, TrainState
 
 
 class Plan(NamedTuple):
-    """How far to train, and how often to write."""
+    """How far to train and how often to do what, in updates; 0 is never."""
 
     steps: int  # updates in all, those before a resume included
     log_every: int = 10
     checkpoint_every: int = 1000
     keep: int = 3  # newest checkpoints that stay on disk
+    keep_every: int = 0  # checkpoints that stay for good
+    keep_best: bool = True
+    validate_every: int = 0
+    sample_every: int = 0
+    explode: float | None = None  # stop at a loss this many times the usual one
 
 
-def begin(params: Any, optimiser: optax.GradientTransformation) -> TrainState:
-    """The state before the first update."""
-    return TrainState(jnp.zeros((), jnp.int32), params, optimiser.init(params))
+class Task(NamedTuple):
+    """What is trained: the update, its batches, how a state is written and how it is looked at."""
+
+    step: Step
+    batches: Callable[[int], Any]  # batch k, as `step` takes it; called in a thread
+    save: Callable[[Path, TrainState], Any]  # called in every process
+    validate: Callable[[TrainState], dict[str, float]] | None = None  # "loss" and more; in the first process alone
+    sample: Callable[[Path, TrainState], Any] | None = None  # writes a folder; in the first process alone
 
 
-def make_step(loss_fn: LossFn, optimiser: optax.GradientTransformation, seed: int) -> Step:
-    """One update, jitted; the state that it is given is consumed (donated)."""
+def fit(state: TrainState, task: Task, run: Path, plan: Plan, progress: bool = True) -> TrainState:
+    """Train from `state` up to `plan.steps` updates, writing to RUN (record.py, keep.py, samples/step_*).
 
-    def step(state: TrainState, batch: Any) -> tuple[TrainState, Metrics]:
-        key = jax.random.fold_in(jax.random.key(seed), state.step)
-        (loss, terms), grads = jax.value_and_grad(loss_fn, has_aux=True)(state.params, batch, key, state.step)
-        updates, opt_state = optimiser.update(grads, state.opt_state, state.params)
-        params = optax.apply_updates(state.params, updates)
-        metrics = {"loss": loss, **terms, "gradient": jnp.sqrt(sum(jnp.sum(g * g) for g in jax.tree.leaves(grads)))}
-        return TrainState(state.step + 1, params, opt_state), metrics
-
-    return jax.jit(step, donate_argnums=0)
-
-
-def fit(
-    state: TrainState,
-    step: Step,
-    batches: Callable[[int], Any],
-    run: Path,
-    plan: Plan,
-    save: Callable[[Path, TrainState], Any],
-    progress: bool = True,
-) -> TrainState:
-    """Train from `state` up to `plan.steps` updates; writes RUN/log.jsonl and RUN/checkpoints/step_*.
-
-    While update k runs, batch k + 1 is made. Ctrl-C and SIGTERM finish the update, save, and end in
-    KeyboardInterrupt. ValueError, naming update and term, when a number is no longer finite: nothing is saved
-    then, and the last checkpoint is good.
+    Ctrl-C and SIGTERM, in any process, finish the update, save, and end in KeyboardInterrupt. ValueError, naming
+    update, batch and term, when a number is no longer finite or the loss explodes (guard.py): nothing is saved then,
+    and the last checkpoint is good. OSError when there is no room; what `task.batches` raises, as it is.
     """
     start = int(state.step)
-    log = open_log(run / "log.jsonl", start)
-    bar = tqdm(total=plan.steps, initial=start, disable=not progress, desc="training", unit="step")
-    with log, bar, _stop_requested() as stop:
-        batch = batches(start) if start < plan.steps else None
+    with (
+        Records(run, start, devices.first()) as records,
+        Feed(task.batches, start, plan.steps) as feed,
+        _bar(start, plan.steps, progress and devices.first()) as bar,
+        _stop_requested() as stop,
+    ):
+        clock = _Clock(feed)
+        if start:  # what a kill right after the checkpoint left undone
+            _validate(state, start, task, run, plan, records)
+            _sample(state, start, task, run, plan)
         for k in range(start, plan.steps):
-            state, metrics = step(state, batch)
-            if k + 1 < plan.steps:
-                batch = batches(k + 1)
-            values = {name: float(value) for name, value in jax.device_get(metrics).items()}
-            _check_finite(values, k, run)
+            with clock.update():
+                state, values = _update(task.step, state, feed.take(k), k)
+            if fault := guard.find_fault(values, records.log, plan.explode):
+                raise ValueError(
+                    f"training stopped at update {k} (batch {k}): {fault}; {keep.last_good(run)}; lower the learning "
+                    "rate, set clip_norm or look at the data."
+                )
             if k % plan.log_every == 0 or k + 1 == plan.steps:
-                log.write(json.dumps({"step": k, "loss": values["loss"], **values}) + "\n")
-                log.flush()
+                records.update(k, values | clock.read())
                 bar.set_postfix(loss=f"{values['loss']:.4f}", refresh=False)
             bar.update()
-            if stop.is_set() or (k + 1) % plan.checkpoint_every == 0 or k + 1 == plan.steps:
-                _keep_state(state, run, plan.keep, save)
-            if stop.is_set():
+            stopping = devices.any_process(stop.is_set())
+            if stopping or _due(k + 1, plan.checkpoint_every, plan):
+                keep.write(keep.numbered(run, k + 1), state, task.save)
+                keep.prune(run, plan.keep, plan.keep_every)
+            if stopping:
                 raise KeyboardInterrupt(f"stopped after {k + 1} updates; resume with the same command")
+            _validate(state, k + 1, task, run, plan, records)
+            _sample(state, k + 1, task, run, plan)
     return state
 
 
-def checkpoints(run: str | Path) -> list[Path]:
-    """Finished checkpoints of a run, oldest first."""
-    found = (Path(run) / "checkpoints").glob("step_*")
-    return sorted(path for path in found if checkpoint.is_checkpoint(path))
+def _validate(state: TrainState, done: int, task: Task, run: Path, plan: Plan, records: Records) -> None:
+    """Validation after `done` updates, if it is due and not written down; the state is read, never changed."""
+    if task.validate is None or not _due(done, plan.validate_every, plan):
+        return
+    better, values = False, {}
+    if devices.first() and not records.validated(done):
+        values = task.validate(state)
+        better = plan.keep_best and records.is_best(values)
+    if devices.any_process(better):
+        keep.write(keep.best(run), state, task.save)
+    if values:
+        records.validation(done, values)  # after the best is saved: a kill in between only repeats
 
 
-def open_log(path: Path, start: int) -> Any:
-    """The log, open for appending; lines of updates from `start` on, which a killed run left, are dropped."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    kept = [line for line in read_log(path) if line["step"] < start] if path.exists() else []
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text("".join(json.dumps(line) + "\n" for line in kept))
-    partial.replace(path)
-    return path.open("a")
+def _sample(state: TrainState, done: int, task: Task, run: Path, plan: Plan) -> None:
+    """Samples after `done` updates, if they are due and not there; the state is read, never changed."""
+    folder = run / "samples" / f"step_{done:08d}"
+    due = task.sample is not None and devices.first() and _due(done, plan.sample_every, plan)
+    if task.sample is not None and due and not folder.exists():
+        task.sample(folder, state)
 
 
-def read_log(path: str | Path) -> Iterator[dict[str, float]]:
-    """The log's lines; one that a kill cut off in the middle is left out."""
-    for line in Path(path).read_text().splitlines():
-        try:
-            yield json.loads(line)
-        except ValueError:
-            continue
+class _Clock:
+    """Speed of the updates since the last reading, and the share of their time that went on waiting for batches.
+
+    Time spent on records, checkpoints and validation counts for neither.
+    """
+
+    def __init__(self, feed: Feed) -> None:
+        self.feed, self.updates, self.seconds, self.waited = feed, 0, 0.0, feed.waited
+
+    @contextmanager
+    def update(self) -> Iterator[None]:
+        began = time.perf_counter()
+        yield
+        self.updates += 1
+        self.seconds += time.perf_counter() - began
+
+    def read(self) -> dict[str, float]:
+        told = {"speed": self.updates / self.seconds, "wait": (self.feed.waited - self.waited) / self.seconds}
+        self.updates, self.seconds, self.waited = 0, 0.0, self.feed.waited
+        return told
 
 
-def _check_finite(values: Mapping[str, float], k: int, run: Path) -> None:
-    wrong = [name for name, value in values.items() if not math.isfinite(value) and name != "loss"]
-    if wrong or not math.isfinite(values["loss"]):
-        last = checkpoints(run)
-        kept = f"the last good checkpoint is '{last[-1]}'" if last else "there is no checkpoint yet"
+def _due(done: int, every: int, plan: Plan) -> bool:
+    return every > 0 and (done % every == 0 or done == plan.steps)
+
+
+def _update(step: Step, state: TrainState, batch: Any, k: int) -> tuple[TrainState, dict[str, float]]:
+    """The step and its numbers; a device without room for it is told in one sentence."""
+    try:
+        state, metrics = step(state, batch)
+        return state, {name: float(value) for name, value in jax.device_get(metrics).items()}
+    except jax.errors.JaxRuntimeError as error:
+        if "RESOURCE_EXHAUSTED" not in str(error):
+            raise
         raise ValueError(
-            f"training stopped at update {k} (batch {k}): '{(wrong or ['loss'])[0]}' is not finite; {kept}; lower "
-            "the learning rate or look at the data."
-        )
+            f"update {k} does not fit into the memory of the device ({str(error).splitlines()[0]}); set accumulate to "
+            "work through the batch in parts, remat, or a smaller batch."
+        ) from error
 
 
-def _keep_state(state: TrainState, run: Path, keep: int, save: Callable[[Path, TrainState], Any]) -> None:
-    save(run / "checkpoints" / f"step_{int(state.step):08d}", state)
-    for old in checkpoints(run)[: -max(keep, 1)]:
-        checkpoint.remove(old)
+def _bar(start: int, steps: int, progress: bool) -> tqdm:
+    """The progress bar: on a terminal at once, in a file one line in 30 s."""
+    pause = 0.1 if sys.stderr.isatty() else 30.0
+    return tqdm(total=steps, initial=start, disable=not progress, desc="training", unit="step", mininterval=pause)
 
 
 @contextmanager

@@ -11,7 +11,7 @@ import numpy as np
 from ..data.prepared import skeleton_from_json, skeleton_to_json
 from ..data.scale import Scale, Scales
 from ..motion.skeleton import Skeleton
-from ..training import checkpoint, loop
+from ..training import checkpoint, keep
 from .config import ZeroEggsConfig, from_dict, to_dict
 from .model import Model, Params, check_params
 
@@ -26,8 +26,9 @@ def save_model(path: str | Path, model: Model, dtype: str = "float32") -> str:
 def load_model(path: str | Path) -> Model:
     """The model in folder `path`: one that `save_model` wrote, a checkpoint of a training run, or a whole run.
 
-    Of a run, the newest checkpoint is taken. Parameters are float32 numpy arrays. FileNotFoundError: nothing
-    there; ValueError: damaged, not a model, or parameters that do not fit the stored config.
+    Of a run, the newest checkpoint is taken (RUN/checkpoints/best is the one with the lowest validation loss), and of
+    a checkpoint the averaged parameters, where training kept them. They are float32 numpy arrays. FileNotFoundError:
+    nothing there; ValueError: damaged, not a model, or parameters that do not fit the stored config.
     """
     path = newest(path)
     tree, metadata = checkpoint.load(path)
@@ -35,7 +36,7 @@ def load_model(path: str | Path) -> Model:
         config = from_dict(ZeroEggsConfig, metadata["model"], f"config of checkpoint '{path}'")
         scales = Scales(**{name: Scale(**part) for name, part in tree["scales"].items()})
         skeleton = skeleton_from_json(metadata["skeleton"])
-        params: Params = tree["params"]
+        params: Params = tree.get("average", tree["params"])
     except (KeyError, TypeError) as error:
         raise ValueError(f"checkpoint '{path}' is not a ZeroEGGS model: {error} is missing.") from error
     params = jax.tree.map(lambda leaf: np.asarray(leaf, np.float32), params)
@@ -57,7 +58,7 @@ def newest(path: str | Path) -> Path:
     """`path` itself, or the newest checkpoint of the training run there."""
     path = Path(path)
     if (path / "checkpoints").is_dir() and not checkpoint.is_checkpoint(path):
-        found = loop.checkpoints(path)
+        found = keep.checkpoints(path)
         if not found:
             raise ValueError(f"run '{path}' has no finished checkpoint yet: let it train longer.")
         return found[-1]

@@ -7,8 +7,14 @@ from typing import Any
 from ..data import corpus as corpora
 from ..data import prepare as preparation
 from ..training import checkpoint
+from .config import to_dict
+from .settings import TrainConfig
 
-LENGTHS = ("steps", "log_every", "checkpoint_every", "keep")  # settings that a resumed run may change
+FREE = {
+    "steps", "log_every", "checkpoint_every", "keep", "keep_every", "keep_best", "validate_every", "validate_clips",
+    "sample_every", "explode", "accumulate", "remat",
+}  # fmt: skip
+"""Settings that a resumed run may change: none changes what an update is; the last two change its rounding."""
 
 
 def prepared(corpus: str | Path, out: str | Path, speech_columns: bool = False) -> Path:
@@ -57,9 +63,10 @@ def check_same(checkpoint_path: Path, given: dict[str, Any], out: Path) -> None:
     """ValueError naming the first setting in which the run's newest checkpoint differs from what is `given`."""
     started = checkpoint.metadata(checkpoint_path)
     before, now = _flat(started.get("training", {})), _flat(given["training"])
-    before.setdefault("speech_columns", now["speech_columns"])  # runs of versions that lacked this setting
+    usual = _flat(to_dict(TrainConfig()))  # what the versions did that lacked a setting
+    before = usual | {"speech_columns": now["speech_columns"]} | before
     for name in [*now, *before]:
-        if before.get(name) != now.get(name) and name not in LENGTHS:
+        if before.get(name) != now.get(name) and name not in FREE:
             raise ValueError(
                 f"run '{out}' was started with {name} = {before.get(name)}, now it is {now.get(name)}: resume with "
                 "the same settings, or choose another folder."

@@ -1,0 +1,105 @@
+"""The objective of training (Sec. 3.5): one clip unrolled in closed loop, Eq. 2 over a batch, with its randomness.
+
+Written for one clip and batched by `jax.vmap`; all randomness of a clip comes from its own key, so that a batch gives
+the same numbers at once, in parts and on several devices.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from ..data.scale import Scales
+from ..data.windows import Batch
+from ..motion.pose import Pose
+from ..training.step import LossFn, Metrics
+from . import losses
+from .config import ZeroEggsConfig
+from .losses import Terms
+from .model import Params, StyleDistribution, decode, encode_speech, encode_style, reparameterise
+from .settings import TrainConfig
+
+
+class Draws(NamedTuple):
+    """The randomness in one clip's loss."""
+
+    style: Float[Array, " Z"]  # normal draw of the reparameterisation
+    speech_dropout: Array | None  # keys; None: no dropout
+    style_dropout: Array | None
+
+
+class Setting(NamedTuple):
+    """What the loss needs besides parameters and data; fixed for a run."""
+
+    config: TrainConfig
+    scales: Scales
+    parents: tuple[int, ...]
+
+
+def draw(key: Array, config: ZeroEggsConfig) -> Draws:
+    """The randomness of one clip."""
+    noise, speech, style = jax.random.split(key, 3)
+    return Draws(jax.random.normal(noise, (config.style_size,)), speech, style)
+
+
+def no_draws(config: ZeroEggsConfig) -> Draws:
+    """No randomness: the mean of the style, no dropout."""
+    return Draws(jnp.zeros(config.style_size), None, None)
+
+
+def unroll(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tuple[Pose, StyleDistribution]:
+    """The body that the networks make of a clip's speech, example and first frame, and the style they saw."""
+    config, scales = setting.config.model, setting.scales
+    speech = encode_speech(params, config, scales, jnp.asarray(clip.speech), draws.speech_dropout)
+    if config.labels:
+        style = StyleDistribution(jax.nn.one_hot(clip.label, len(config.labels)), None)
+    else:
+        style = encode_style(
+            params, config, scales, jnp.asarray(clip.example), clip.example_length, draws.style_dropout
+        )
+    drawn = reparameterise(style, draws.style)
+    first = jax.tree.map(lambda a: a[0], clip.poses)
+    hold = partial(jnp.broadcast_to, shape=(speech.shape[0], drawn.shape[0]))
+    return decode(params, config, scales, first, speech, hold(drawn), _gaze(clip)), style
+
+
+def clip_loss(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tuple[Terms, Array]:
+    """The weighted terms of one clip (a Batch without its leading axis) and its style's KL divergence."""
+    predicted, style = unroll(params, clip, draws, setting)
+    return compare(predicted, clip, setting), losses.kl(style)
+
+
+def compare(predicted: Pose, clip: Batch, setting: Setting) -> Terms:
+    """The weighted terms of a clip's unrolled body."""
+    return losses.reconstruction(predicted, clip.poses, _gaze(clip), setting.parents, setting.config.model.frame_time)
+
+
+def batch_loss(params: Params, batch: Batch, draws: Draws, step: ArrayLike, setting: Setting) -> tuple[Array, Metrics]:
+    """ZeroEGGS Eq. 2 over a batch, and its terms with their weights; `step` counts the updates done before."""
+    terms, divergence = jax.vmap(partial(clip_loss, setting=setting), in_axes=(None, 0, 0))(params, batch, draws)
+    config = setting.config
+    return weigh(terms, divergence, losses.kl_weight(step, config.kl_limit, config.kl_middle, config.kl_slope))
+
+
+def weigh(terms: Terms, divergence: Float[Array, " B"], kl_weight: ArrayLike) -> tuple[Array, Metrics]:
+    """The loss of a batch from the terms and divergences [B] of its clips, and its parts."""
+    means = jax.tree.map(jnp.mean, terms)
+    weighted = kl_weight * jnp.mean(divergence)
+    return losses.total(means, weighted), {**means._asdict(), "kl": weighted}
+
+
+def loss_fn(setting: Setting) -> LossFn:
+    """The loss with the randomness of each clip drawn from its key."""
+
+    def loss(params: Params, batch: Batch, keys: Array, step: Array) -> tuple[Array, Metrics]:
+        draws = jax.vmap(partial(draw, config=setting.config.model))(keys)
+        return batch_loss(params, batch, draws, step, setting)
+
+    return loss
+
+
+def _gaze(clip: Batch) -> Float[Array, "T 3"]:
+    return jnp.broadcast_to(clip.gaze, (clip.speech.shape[0], 3))
