@@ -5,8 +5,8 @@
 The paper says that one example of a style never seen is enough, and that any voice will do; its user study rates that
 by eye (Table 2). Here the truth is known: every style is 13 factors. From each generated motion they are recovered
 (metrics/factors.py, fitted on synthetic truth of other seeds) and compared with those of the style clip. Beside them
-stand the ruler's own error, on the truth performed to the same speech, and that of the mean of all training styles, which
-a model that ignores its example would give. CORPUS is what make_corpus.py wrote with --hold-out-voices.
+stand the ruler's own error, on the truth performed to the same speech, and that of the mean of all training styles,
+which a model that ignores its example would give. CORPUS is what make_corpus.py wrote with --hold-out-voices.
 """
 
 import argparse
@@ -21,13 +21,13 @@ import numpy as np
 
 import ledger
 import truth
+import voices as recordings
 from zeggs_jax.metrics.factors import Ruler
-from zeggs_jax.speech import wav
 from zeggs_jax.synthetic import styles
 from zeggs_jax.synthetic.styles import StyleFactors
 from zeggs_jax.zeroeggs import generate as g
 
-EXAMPLE_SECONDS, SPEECH_SECONDS = 8.0, 15.0
+EXAMPLE_SECONDS = 8.0
 SPEECHES = 4  # of each kind
 POINTS = 12  # random styles of each kind
 
@@ -46,20 +46,6 @@ class Case(NamedTuple):
     name: str
     shown: list[Style]
     voices: dict[str, np.ndarray]
-
-
-def speeches(folder: Path, split: str, count: int) -> dict[str, np.ndarray]:
-    """Speeches of a split of a corpus, as many of each speaker as possible, cut to SPEECH_SECONDS."""
-    with (folder / "corpus.csv").open(newline="") as file:
-        names = [row["name"] for row in csv.DictReader(file) if row["split"] == split]
-    chosen = names[:: max(len(names) // count, 1)][:count]
-    return {name: cut(wav.read(folder / f"{name}.wav")) for name in chosen}
-
-
-def cut(wave: np.ndarray) -> np.ndarray:
-    """The first SPEECH_SECONDS; short recordings are said again."""
-    samples = round(SPEECH_SECONDS * wav.RATE_HZ)
-    return np.resize(wave, samples) if len(wave) < samples else wave[:samples]
 
 
 def seen_clips(corpus: Path) -> list[Style]:
@@ -81,8 +67,8 @@ def made_clips(folder: Path, points: dict[str, StyleFactors]) -> list[Style]:
 def cases(corpus: Path, out: Path, voices: list[Path]) -> list[Case]:
     """Every row of the table."""
     examples, draw = out / "examples", np.random.default_rng(truth.POINT_SEED)
-    known = speeches(corpus, "valid", SPEECHES)
-    new = speeches(corpus / "new_speaker", "valid", SPEECHES)
+    known = recordings.of_corpus(corpus, "valid", SPEECHES)
+    new = recordings.of_corpus(corpus / "new_speaker", "valid", SPEECHES)
     unseen = made_clips(examples, {name: styles.STYLES[name] for name in styles.TRAINING})
     between = {f"between{k}": styles.random_style(truth.POINT_SEED + k) for k in range(POINTS)}
     anywhere = {f"anywhere{k}": truth.anywhere(draw) for k in range(POINTS)}
@@ -96,8 +82,7 @@ def cases(corpus: Path, out: Path, voices: list[Path]) -> list[Case]:
         Case("unseen style (oration)", held_out, known | new),
     ]
     if voices:
-        real = {path.stem: cut(wav.read(path)) for path in voices}
-        listed.insert(3, Case("the same, real voices", unseen, real))
+        listed.insert(3, Case("the same, real voices", unseen, recordings.of_people(voices)))
     return listed
 
 

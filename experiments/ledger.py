@@ -55,6 +55,15 @@ def spread(rows: Sequence[Row], column: str) -> float:
     return 0.5 * float(np.ptp(values)) if values else float("nan")
 
 
+def by_seeds(what: str, rows: Iterable[Row], columns: Sequence[tuple[str, str, str]]) -> str:
+    """A line for each `name` of the rows: mean and spread over its seeds of every (column, title, format)."""
+    body = []
+    for name, of in grouped(rows, "name").items():
+        cells = [f"{form.format(mean(of, c))} ± {form.format(spread(of, c))}" for c, _, form in columns]
+        body.append([name, str(len(of)), *cells])
+    return table([what, "seeds", *(title for _, title, _ in columns)], body)
+
+
 def table(head: Sequence[str], body: Iterable[Sequence[str]]) -> str:
     """A table in Markdown."""
     lines = [head, ["---"] * len(head), *body]

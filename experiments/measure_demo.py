@@ -16,26 +16,18 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+import truth
 from zeggs_jax.metrics import kinematic, recognition, rhythm
 from zeggs_jax.motion import bvh
 from zeggs_jax.speech import features as speech_features
 from zeggs_jax.speech import wav
 from zeggs_jax.stage import player
-from zeggs_jax.synthetic import corpus, ranges
+from zeggs_jax.synthetic import ranges
 from zeggs_jax.zeroeggs import examples
 from zeggs_jax.zeroeggs import generate as g
 
 TRUTH_SEEDS = range(900_000, 900_006)  # training corpora use seeds far below
 TRUTH_SECONDS = 15.0
-
-
-def truth(styles: list[str]) -> dict[str, list[bvh.Clip]]:
-    """Clips of every style, performed to synthetic speech."""
-    jobs = [(style, seed) for style in styles for seed in TRUTH_SEEDS]
-    clips: dict[str, list[bvh.Clip]] = {style: [] for style in styles}
-    for style, seed in tqdm(jobs, desc="truth", unit="clip"):
-        clips[style].append(corpus.style_clip(style, TRUTH_SECONDS, 30, seed))
-    return clips
 
 
 def own_accuracy(statistics: dict[str, np.ndarray]) -> float:
@@ -76,7 +68,7 @@ def main() -> None:
     args = parser.parse_args()
     model = g.load_model(args.checkpoint) if args.checkpoint else g.bundled_model()
     styles = list(examples.bundled())
-    real = truth(styles)
+    real = truth.clips(styles, TRUTH_SEEDS, TRUTH_SECONDS)
     statistics = {s: np.stack([kinematic.style_statistics(c) for c in clips]) for s, clips in real.items()}
     labels = [s for s in styles for _ in statistics[s]]
     centroids = recognition.fit(np.concatenate(list(statistics.values())), labels)

@@ -1,0 +1,52 @@
+"""The bundled model: the paper's training (Sec. 4) on the synthetic corpus, at a size for two CPU cores.
+
+    python experiments/make_corpus.py corpus --minutes 80 --hold-out-voices kal_diphone +m4 +f3
+    python experiments/02_synthetic.py corpus -o runs/demo       # stop and run again to go on
+    python experiments/measure_demo.py VOICE.wav ... --checkpoint runs/demo
+    python experiments/bundle_demo.py runs/demo                  # puts it into the package, with styles and speech
+
+The same code as the paper's; what differs is the sizes, 30 frames a second, and a standard deviation for every speech
+feature.
+"""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import trials
+from zeggs_jax.data.windows import WindowConfig
+from zeggs_jax.zeroeggs.model import DecoderConfig, SpeechEncoderConfig, StyleEncoderConfig, ZeroEggsConfig
+from zeggs_jax.zeroeggs.train import TrainConfig, train
+
+DEMO = TrainConfig(
+    model=ZeroEggsConfig(
+        speech=SpeechEncoderConfig(hidden=64, size=64, dropout=0.1),
+        style=StyleEncoderConfig(hidden=128, size=32),
+        decoder=DecoderConfig(hidden=256, layers=2),
+    ),
+    speech_columns=True,
+    windows=WindowConfig(batch=16, window=75, example=(90, 180)),
+    steps=6_000,
+    learning_rate=1e-3,
+    decay=0.75,
+    kl_middle=1500.0,
+    log_every=20,
+    checkpoint_every=250,
+    validate_every=500,
+    sample_every=0,
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("corpus", type=Path)
+    parser.add_argument("-o", "--out", type=Path, required=True)
+    parser.add_argument("--steps", type=int, default=DEMO.steps)
+    args = parser.parse_args()
+    data = trials.arrays(args.corpus, args.out / "prepared", trials.COLUMNS)
+    train(data, args.out, replace(DEMO, steps=args.steps))
+    print(f"trained {args.steps} updates; next: experiments/measure_demo.py VOICE.wav --checkpoint {args.out}")
+
+
+if __name__ == "__main__":
+    main()
