@@ -1,157 +1,185 @@
-"""A corpus folder -> arrays for training on disk, their statistics, a manifest of how they were made."""
+"""A corpus folder -> arrays for training on disk, their statistics, a manifest of how they were made.
 
-import hashlib
+Every clip becomes a file under OUT/clips, in as many processes as there are cores; then they are put one behind
+the other. What a clip's file was made of is in its name: after a stop, whatever the reason, the same call goes on
+where it was, and the result has the same bytes.
+"""
+
+import errno
 import json
 import os
-from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+import shutil
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
-from jaxtyping import Float32
 from tqdm import tqdm
 
-from zeggs_jax.data import corpus, scale
+from zeggs_jax.data import corpus, report, scale, shard, workers
+from zeggs_jax.data.arrays import ArrayFile, Rows
+from zeggs_jax.data.job import Job, make, plan
+from zeggs_jax.data.job import save_trimmed as save_trimmed
 from zeggs_jax.data.prepared import ARRAYS, FORMAT, MANIFEST, SCALES, Prepared, load, skeleton_to_json
-from zeggs_jax.data.takes import Take, naming, takes
-from zeggs_jax.motion import bvh, features
-from zeggs_jax.motion.pose import Root, gaze_direction, to_vector
-from zeggs_jax.speech import features as speech_features
-from zeggs_jax.speech import wav
+from zeggs_jax.data.report import Problem
+from zeggs_jax.data.settings import MENDED, PrepareConfig
+from zeggs_jax.data.shard import Body, Shard
+from zeggs_jax.data.statistics import Moments, merge
+from zeggs_jax.motion import bvh
 
-__all__ = ["PrepareConfig", "Prepared", "load", "prepare", "save_trimmed"]
-
-RELEASED_PACE = (0.9, 1.0)
-
-
-@dataclass(frozen=True)
-class PrepareConfig:
-    """Settings of `prepare`; the defaults mend the release's errors."""
-
-    as_released: bool = False  # its centring, float32 statistics and NaN rules
-    rate_hz: float | int | None = None  # resample the motion; None keeps the rate, which all clips must share
-    pace: tuple[float, ...] | None = None  # copies of every clip; None: 1.0, or the release's 0.9 and 1.0
-    centre: bool = True  # start every clip at the origin, facing +Z
-    speech_columns: bool = False  # a std for every speech feature, not one for all as released
-    save_trimmed: bool = False  # also write the clips as BVH and WAV under trimmed/
-    speech: speech_features.SpeechFeatureConfig = speech_features.RELEASED
+CLIPS = "clips"  # the folder of shards; gone when all is done
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+BYTES_PER_WORKER = 16e6  # of motion files; with less, a worker's start of seconds is not worth it
 
 
-def prepare(folder: str | Path, out: str | Path, config: PrepareConfig = PrepareConfig()) -> Prepared:
+def prepare(
+    folder: str | Path, out: str | Path, config: PrepareConfig = MENDED, processes: int | None = None
+) -> Prepared:
     """Write the arrays of a corpus folder (see corpus.find) into the folder `out` and load them.
 
-    Raises FileNotFoundError or ValueError, naming the file, when a clip is missing, does not read, is not
-    finite, is too short, does not fit its speech, or has another skeleton or frame rate than the first clip.
+    Neither `processes` (None: the number of cores, fewer for little data) nor earlier calls that were stopped
+    change a byte of the result; where it is there already, nothing is done. A script that calls this keeps its
+    own work under `if __name__ == "__main__"`, as always with worker processes.
+
+    Raises FileNotFoundError or ValueError where the folder holds no corpus, and, unless config.skip_bad,
+    ValueError where a clip does not read, is not finite, is too short, does not fit its speech, or has another
+    skeleton or frame rate than the first good one: OUT/report.json lists them all. OSError for a full disk,
+    ChildProcessError when a worker dies, KeyboardInterrupt after Ctrl-C, each with a sentence.
     """
     entries, out = corpus.find(folder), Path(out)
-    out.mkdir(parents=True, exist_ok=True)
-    (out / MANIFEST).unlink(missing_ok=True)
-    styles = sorted({entry.style for entry in entries})
-    pace = config.pace or (RELEASED_PACE if config.as_released else (1.0,))
-    rate_hz = None if config.rate_hz is None else float(config.rate_hz)
-    made: list[Take] = []  # the first one only
-    clips: list[dict[str, Any]] = []
-    with ExitStack() as stack:
-        files = {name: stack.enter_context(_ArrayFile(out / f"{name}.npy")) for name in ARRAYS}
-        for entry in tqdm(entries, desc="preparing", unit="clip", disable=None):
-            for take in takes(entry, pace, rate_hz, config.centre, config.as_released):
-                made = made or [take]
-                _check_alike(made[0], take)
-                if config.save_trimmed:
-                    save_trimmed(out / "trimmed" / entry.split, take)
-                rows, gaze = _rows(take, config)
-                start = files["pose"].rows
-                for name, file in files.items():
-                    file.append(rows[name])
-                clips.append({"name": take.name, "split": entry.split, "label": styles.index(entry.style),
-                              "range": [start, files["pose"].rows], "gaze": gaze.tolist()})  # fmt: skip
-    _save_scales(out / SCALES, _fit(out, clips, config))
-    manifest = {
-        "format": FORMAT,
-        "config": asdict(config),
-        "source": Path(folder).name,
-        "frame_time": made[0].clip.frame_time,
-        "skeleton": skeleton_to_json(made[0].clip.skeleton),
-        "styles": styles,
-        "clips": clips,
-        "sha256": {name: file.digest.hexdigest() for name, file in files.items()},
-    }
-    partial = out / f"{MANIFEST}.partial"
-    partial.write_text(json.dumps(manifest, indent=1) + "\n")
-    os.replace(partial, out / MANIFEST)
+    (out / CLIPS).mkdir(parents=True, exist_ok=True)
+    jobs = plan(entries, config, out, out / CLIPS)
+    made_of = fingerprint(jobs, config)
+    if _finished(out) != made_of:
+        (out / MANIFEST).unlink(missing_ok=True)
+        with _in_one_sentence(out, jobs):
+            good, body = _make_all(jobs, out, config, processes)
+            manifest = {"format": FORMAT, "source": Path(folder).name, "made_of": made_of}
+            manifest |= _join(good, body, out, config)
+            partial = out / f"{MANIFEST}.partial"
+            partial.write_text(json.dumps(manifest, indent=1) + "\n")
+            os.replace(partial, out / MANIFEST)
+    shutil.rmtree(out / CLIPS)
     return load(out)
 
 
-def save_trimmed(folder: Path, take: Take) -> None:
-    """Write a take as the release does: BVH and 16-bit WAV, loudness as recorded."""
-    path = folder / take.name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    bvh.write(path.with_name(f"{path.name}.bvh"), take.clip)
-    wav.write(path.with_name(f"{path.name}.wav"), take.wave)
+def fingerprint(jobs: list[Job], config: PrepareConfig) -> str:
+    """A hash of all that the arrays are made of: the corpus's files, its styles and splits, the settings."""
+    clips = [[job.entry.name, job.entry.style, job.entry.split, job.path.stem] for job in jobs]
+    return shard.key({"clips": clips, "config": asdict(config)})
 
 
-def _rows(take: Take, config: PrepareConfig) -> tuple[dict[str, np.ndarray], Float32[np.ndarray, "3"]]:
-    """One row of each array for every frame of a clip, and the point it looks at (world, cm)."""
-    with naming(take.entry.bvh):
-        motion = features.encode(take.clip)
-    frames, rate_hz = len(take.clip.euler), bvh.rate_hz(take.clip.frame_time)
-    with naming(take.entry.wav):
-        speech = speech_features.extract(take.wave, frames, rate_hz, config.speech, config.as_released)
-    rows = {
-        "speech": speech,
-        "pose": np.asarray(to_vector(motion.pose)),
-        "root_pos": np.asarray(motion.pose.root.pos),
-        "root_rot": np.asarray(motion.pose.root.rot),
-    }
-    for name, values in rows.items():
-        if not np.isfinite(values).all():
-            source = take.entry.wav if name == "speech" else take.entry.bvh
-            frame = int(np.argwhere(~np.isfinite(values))[0][0])
-            raise ValueError(f"'{source}' gives no finite {name} at frame {frame}; cut or drop it.")
-    return rows, np.asarray(motion.gaze)
+def _finished(out: Path) -> str | None:
+    """The fingerprint of the arrays in a folder, None where they are not complete."""
+    try:
+        load(out)
+        return json.loads((out / MANIFEST).read_text()).get("made_of")
+    except (OSError, ValueError):
+        return None
 
 
-def _fit(out: Path, clips: list[dict[str, Any]], config: PrepareConfig) -> scale.Scales:
-    """Statistics over the training clips, without the first and last two frames of each, as released."""
-    training = [clip for clip in clips if clip["split"] == "train"]
-    if not training:
-        raise ValueError("All clips of the corpus are in the split 'valid'; put at least one into 'train'.")
-    inner = [slice(clip["range"][0] + 2, clip["range"][1] - 2) for clip in training]
-    speech, pose, pos, rot = (np.load(out / f"{name}.npy", mmap_mode="r") for name in ARRAYS)
-    look = jax.vmap(gaze_direction, (0, None))
-    gaze = [
-        np.asarray(look(Root(pos[rows], rot[rows]), np.float32(clip["gaze"])))
-        for clip, rows in zip(training, inner, strict=True)
-    ]
-    joints = (pose.shape[1] - 6) // 15
-    return scale.fit(
-        [speech[rows] for rows in inner],
-        [pose[rows] for rows in inner],
-        gaze,
-        joints,
-        config.as_released,
-        config.speech_columns,
+def _make_all(jobs: list[Job], out: Path, config: PrepareConfig, processes: int | None) -> tuple[list[Job], Body]:
+    """Shards of all clips that can be used, and what they share; the others are reported."""
+    there = {job.path for job in jobs if job.path.exists()}
+    missing = [job for job in jobs if job.path not in there]
+    made = workers.each(make, missing, processes or _processes(missing))
+    good: list[tuple[Job, Body]] = []  # the first one's body only is kept
+    problems: list[Problem] = []
+    for job in tqdm(jobs, desc="preparing", unit="clip", disable=None):
+        outcome = _there(job) if job.path in there else next(made)
+        if isinstance(outcome, Body) and good:
+            outcome = _unlike(good[0], job, outcome) or good[0][1]
+        if isinstance(outcome, Body):
+            good.append((job, outcome))
+        else:
+            problems.append(outcome)
+    report.settle(out, len(good), problems, config.skip_bad)
+    return [job for job, _ in good], good[0][1]
+
+
+def _processes(jobs: list[Job]) -> int:
+    """As many as there are cores, if there is enough to do for them."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    size = sum(job.entry.bvh.stat().st_size for job in jobs if job.entry.bvh.exists())
+    return max(1, min(cores, int(size / BYTES_PER_WORKER)))
+
+
+def _there(job: Job) -> Body | Problem:
+    """What an earlier call made of a clip; made again where the file is damaged."""
+    try:
+        return shard.read_body(job.path)
+    except ValueError:
+        return make(job)
+
+
+def _shard(job: Job) -> Shard:
+    try:
+        return shard.read(job.path)
+    except ValueError:
+        make(job)
+        return shard.read(job.path)
+
+
+def _unlike(first: tuple[Job, Body], job: Job, b: Body) -> Problem | None:
+    """All clips of a corpus share one skeleton and one frame rate: those of the first good clip."""
+    a, name, file = first[1], first[0].entry.bvh.name, job.entry.bvh
+    if bvh.rate_hz(a.frame_time) != bvh.rate_hz(b.frame_time):
+        return Problem(
+            job.entry.name,
+            f"'{file}' has {bvh.rate_hz(b.frame_time):g} frames a second, '{name}' {bvh.rate_hz(a.frame_time):g}; "
+            "choose one with --rate.",
+        )
+    expected, found = (list(zip(x.skeleton.names, x.skeleton.parents, strict=True)) for x in (a, b))
+    if expected == found:
+        return None
+    differ = [one or other for one, other in zip_longest(expected, found) if one != other]
+    return Problem(
+        job.entry.name,
+        f"'{file}' has {len(found)} joints, '{name}' {len(expected)}, and one skeleton was expected; first "
+        f"different joint: '{differ[0][0]}'.",
     )
 
 
-def _check_alike(first: Take, take: Take) -> None:
-    """All clips of a corpus share one skeleton and one frame rate."""
-    a, b = first.clip, take.clip
-    if bvh.rate_hz(a.frame_time) != bvh.rate_hz(b.frame_time):
-        raise ValueError(
-            f"'{take.entry.bvh}' has {bvh.rate_hz(b.frame_time):g} frames a second, '{first.entry.bvh.name}' "
-            f"{bvh.rate_hz(a.frame_time):g}; choose one with --rate."
+def _join(jobs: list[Job], body: Body, out: Path, config: PrepareConfig) -> dict[str, Any]:
+    """The final arrays and their statistics, one clip in memory at a time; what the manifest says of them."""
+    if all(job.entry.split != "train" for job in jobs):
+        raise ValueError("All clips of the corpus are in the split 'valid'; put at least one into 'train'.")
+    styles, clips, training = sorted({job.entry.style for job in jobs}), [], []
+    total: tuple[Moments, ...] | None = None
+    with ExitStack() as stack:
+        paths = {name: (out / CLIPS if name == "look" else out) / f"{name}.npy" for name in shard.Rows._fields}
+        files = {name: stack.enter_context(ArrayFile(path)) for name, path in paths.items()}
+        for job in tqdm(jobs, desc="joining", unit="clip", disable=None):
+            entry = job.entry
+            for name, take in _shard(job).takes.items():
+                spans = {kind: file.append(getattr(take.rows, kind)) for kind, file in files.items()}
+                start, stop = spans["pose"]
+                clips.append({"name": name, "split": entry.split, "label": styles.index(entry.style),
+                              "range": [start, stop], "gaze": take.gaze.tolist()})  # fmt: skip
+                if entry.split == "train":
+                    training.append((start + 2, stop - 2))  # as released
+                    own = (take.speech, take.pose, take.look)
+                    total = tuple(map(merge, total, own)) if total else own
+    assert total is not None
+    released = None
+    if config.as_released:
+        released = tuple(
+            scale.fit_columns(Rows(paths[kind], training), as_released=True) for kind in ("speech", "pose", "look")
         )
-    expected, found = (list(zip(c.skeleton.names, c.skeleton.parents, strict=True)) for c in (a, b))
-    if expected != found:
-        differ = [one or other for one, other in zip_longest(expected, found) if one != other]
-        raise ValueError(
-            f"'{take.entry.bvh}' has {len(found)} joints, '{first.entry.bvh.name}' {len(expected)}, and one "
-            f"skeleton was expected; first different joint: '{differ[0][0]}'."
-        )
+    joints = len(body.skeleton)
+    _save_scales(out / SCALES, scale.from_moments(*total, joints, config.speech_columns, released))
+    return {
+        "pipeline": "as released" if config.as_released else "mended",
+        "config": asdict(config),
+        "frame_time": body.frame_time,
+        "skeleton": skeleton_to_json(body.skeleton),
+        "styles": styles,
+        "clips": clips,
+        "sha256": {name: files[name].digest.hexdigest() for name in ARRAYS},
+    }
 
 
 def _save_scales(path: Path, scales: scale.Scales) -> None:
@@ -161,36 +189,23 @@ def _save_scales(path: Path, scales: scale.Scales) -> None:
     os.replace(partial, path)
 
 
-class _ArrayFile:
-    """A .npy file that grows along its first axis; complete and under its own name after its `with` block."""
+@contextmanager
+def _in_one_sentence(out: Path, jobs: list[Job]) -> Iterator[None]:
+    """What may stop the work from outside, said with how far it came."""
 
-    def __init__(self, path: Path) -> None:
-        self.path, self.rows, self.width, self.digest = path, 0, 0, hashlib.sha256()
-        self.file = path.with_name(f"{path.name}.partial").open("wb")
+    def how_far() -> str:
+        made = sum(job.path.exists() for job in jobs)
+        return f"{made} of {len(jobs)} clips are made, and the same command goes on from there"
 
-    def __enter__(self) -> "_ArrayFile":
-        return self
-
-    def append(self, rows: np.ndarray) -> None:
-        if self.rows == 0:
-            self.width = rows.shape[1]
-            self._write_header()
-        data = np.ascontiguousarray(rows, "<f4").tobytes()
-        self.file.write(data)
-        self.digest.update(data)
-        self.rows += len(rows)
-
-    def __exit__(self, failed: type | None, *_: object) -> None:
-        if failed is None:
-            self._write_header()
-        self.file.close()
-        if failed is None:
-            os.replace(self.file.name, self.path)
-        else:
-            os.unlink(self.file.name)
-
-    def _write_header(self) -> None:
-        """NumPy leaves room for the first axis to grow, so the last header fits in the place of the first."""
-        self.file.seek(0)
-        header = {"descr": "<f4", "fortran_order": False, "shape": (self.rows, self.width)}
-        np.lib.format.write_array_header_1_0(self.file, header)
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"stopped: {how_far()}") from None
+    except ChildProcessError as error:
+        raise ChildProcessError(f"{error}: {how_far()}; give fewer --processes if memory is short.") from None
+    except MemoryError:
+        raise OSError(f"The memory is full: {how_far()}; give fewer --processes.") from None
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        raise OSError(f"The disk of '{out}' is full: free some space; {how_far()}.") from None
