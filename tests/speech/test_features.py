@@ -1,5 +1,7 @@
 """Speech features: finite for every length, in step with the motion, and what the released recipe implies."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -108,3 +110,45 @@ def test_frame_energy_scales_with_the_wave(samples, rate_hz, gain):
     wave = noise(samples, seed=samples)
     louder = features.frame_energy(gain * wave, rate_hz=rate_hz)
     np.testing.assert_allclose(louder, gain * features.frame_energy(wave, rate_hz=rate_hz), rtol=1e-4)
+
+
+LOG = features.SpeechFeatureConfig(log_mel=True)
+
+
+def test_log_mels_are_logarithms_of_mel_amplitudes():
+    wave = noise(16000)
+    quiet = replace(LOG, normalize_loudness=False)
+    mel = features.amplitude(wave) @ features.mel_basis().T
+    rows = features.extract(wave, rate_hz=80, config=quiet)
+    np.testing.assert_allclose(rows[:, :80], np.log(mel), atol=1e-5)
+    np.testing.assert_allclose(rows[:, 80], np.log(np.linalg.norm(mel, axis=1)), atol=1e-5)
+
+
+def test_ten_times_the_sound_is_a_step_of_ln_10_in_every_log_feature():
+    quiet = replace(LOG, normalize_loudness=False)
+    soft, loud = (features.extract(gain * noise(16000), config=quiet) for gain in (1.0, 10.0))
+    np.testing.assert_allclose(loud - soft, np.log(10.0), atol=1e-4)
+
+
+def test_silence_is_at_the_floor_of_the_log_features():
+    rows = features.extract(np.zeros(16000, np.float32), config=LOG)
+    np.testing.assert_allclose(rows[:, :80], np.log(1e-6), rtol=1e-6)
+    np.testing.assert_allclose(rows[:, 80], np.log(1e-6 * np.sqrt(80)), rtol=1e-6)
+
+
+def test_log_features_use_their_range():
+    """Speech that comes and goes moves them by several units; the released mels stay within 0.12."""
+    wave = noise(32000) * np.repeat([1.0, 0.01, 0.3, 0.0], 8000).astype(np.float32)
+    released, log = features.extract(wave), features.extract(wave, config=LOG)
+    assert released[:, :80].max() < 0.12
+    assert log.std(axis=0).min() > 1.0
+    assert np.isfinite(log).all()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [({"hop": 0}, "hop is 0"), ({"log_floor": 0.0}, "log_floor is 0"), ({"mel_max_hz": 9000}, "to 9000 Hz")],
+)
+def test_features_that_cannot_be_are_refused(wrong, named):
+    with pytest.raises(ValueError, match=named):
+        features.SpeechFeatureConfig(**wrong)

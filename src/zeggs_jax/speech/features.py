@@ -1,4 +1,8 @@
-"""Speech features (ZeroEGGS Sec. 3.1): 80 log-mel amplitudes and an energy, at the motion's frame rate."""
+"""Speech features (ZeroEGGS Sec. 3.1): 80 log-mel amplitudes and an energy, at the motion's frame rate.
+
+As the paper names them (`log_mel=True`) they are the natural logarithms of mel amplitudes and of their norm. The
+default is what the release computes, and its weights expect.
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,7 +21,7 @@ class SpeechFeatureConfig:
     """The release's audio settings; the energy column comes on top of the mels.
 
     The floor of the amplitude is `min_clipping / window`; its level is 0 and full scale is 1 on the feature's
-    dB scale.
+    dB scale. With `log_mel` the floor is `log_floor`, and every feature gets statistics of its own.
     """
 
     rate_hz: int = 16000
@@ -28,6 +32,23 @@ class SpeechFeatureConfig:
     mel_max_hz: float | int = 7600
     min_clipping: float = 1e-5
     normalize_loudness: bool = True
+    log_mel: bool = False  # true log-mels and log-energy instead of the released features
+    log_floor: float = 1e-6  # mel amplitude, 78 dB below a full-scale tone
+
+    def __post_init__(self) -> None:
+        for name in ("rate_hz", "window", "hop", "mels"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"SpeechFeatureConfig.{name} is {getattr(self, name)}; it must be at least 1.")
+        for name in ("min_clipping", "log_floor"):
+            if not 0 < getattr(self, name) < 1:
+                raise ValueError(
+                    f"SpeechFeatureConfig.{name} is {getattr(self, name)}; it must be above 0 and below 1."
+                )
+        if not 0 <= self.mel_min_hz < self.mel_max_hz <= self.rate_hz / 2:
+            raise ValueError(
+                f"SpeechFeatureConfig has mels from {self.mel_min_hz} to {self.mel_max_hz} Hz; they must rise and end "
+                f"at {self.rate_hz / 2:g} Hz, half the rate."
+            )
 
     @property
     def size(self) -> int:
@@ -59,7 +80,8 @@ def extract(
     if config.normalize_loudness:
         wave = wav.normalize_loudness(wave, config.rate_hz)
     mels = log_mel(wave, config)
-    rows = np.concatenate([mels, energy(mels)[:, None]], axis=1)
+    loud = np.log(energy(mels)) if config.log_mel else energy(mels)
+    rows = np.concatenate([mels, loud[:, None]], axis=1)
     positions = config.rate_hz / config.hop / rate_hz * np.arange(frames)
     if as_released:
         resampled = _interpolate(rows, positions)
@@ -78,11 +100,13 @@ def log_mel(wave: Float[ArrayLike, " n"], config: SpeechFeatureConfig = RELEASED
     """The release's "log amplitude" of each mel band, float64, at rate_hz / hop frames a second.
 
     The paper says log mel amplitude; the release takes the dB already mapped to [0, 1] for dB and so scales
-    it by ln(10) / 20 (range [0, 0.115]). We follow the release.
+    it by ln(10) / 20 (range [0, 0.115]). We follow the release, unless `config.log_mel` asks for ln(amplitude).
     """
     framed, basis = _frames(wave, config), mel_basis(config).T
     blocks = [framed[start : start + BLOCK] for start in range(0, len(framed), BLOCK)]
     mel = np.concatenate([_magnitude(block, config) @ basis for block in blocks])
+    if config.log_mel:
+        return np.log(np.maximum(mel, config.log_floor))
     return np.log(10.0) / 20.0 * decibels(mel, config)
 
 

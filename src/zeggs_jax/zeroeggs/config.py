@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from ..motion import pose
+from ..speech.features import SpeechFeatureConfig
 from .decoder import DecoderConfig
 from .speech_encoder import SpeechEncoderConfig
 from .style_encoder import StyleEncoderConfig
@@ -26,6 +27,7 @@ class ZeroEggsConfig:
     joints: int = 75
     frame_time: float = 0.016667  # s; the release reads it from BVH text, so it is not 1/60
     labels: tuple[str, ...] = ()
+    features: SpeechFeatureConfig = field(default_factory=SpeechFeatureConfig)  # what the model hears
     speech: SpeechEncoderConfig = field(default_factory=SpeechEncoderConfig)
     style: StyleEncoderConfig = field(default_factory=StyleEncoderConfig)
     decoder: DecoderConfig = field(default_factory=DecoderConfig)
@@ -95,9 +97,9 @@ def _read(hint: Any, value: Any, where: str) -> Any:
     if dataclasses.is_dataclass(hint):
         return from_dict(typing.cast(type, hint), value, where)
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if origin is types.UnionType:  # T | None
-        if value is None and type(None) in arguments:
-            return None
+    if origin is types.UnionType:  # T | None, float | int
+        if type(value) in arguments:
+            return value
         return _read(next(kind for kind in arguments if kind is not type(None)), value, where)
     if origin is typing.Literal:
         if value in arguments:

@@ -97,7 +97,8 @@ def read_speech(speech: Speech, model: Model) -> Float[Array, "T F"]:
         wave = speech
     else:
         wave = wav.read(speech)
-    spectrum = speech_features.extract(wave, rate_hz=bvh.rate_hz(model.config.frame_time))
+    rate_hz = bvh.rate_hz(model.config.frame_time)
+    spectrum = speech_features.extract(wave, rate_hz=rate_hz, config=model.config.features)
     if not len(spectrum):
         raise ValueError(f"speech '{_named(speech)}' is shorter than one frame of motion; give a longer recording.")
     return jnp.asarray(spectrum)
