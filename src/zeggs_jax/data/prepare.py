@@ -170,7 +170,8 @@ def _join(jobs: list[Job], body: Body, out: Path, config: PrepareConfig) -> dict
             scale.fit_columns(Rows(paths[kind], training), as_released=True) for kind in ("speech", "pose", "look")
         )
     joints = len(body.skeleton)
-    _save_scales(out / SCALES, scale.from_moments(*total, joints, config.speech_columns, released))
+    columns = config.speech_columns or config.speech.log_mel  # log-mels have no std in common
+    _save_scales(out / SCALES, scale.from_moments(*total, joints, columns, released))
     return {
         "pipeline": "as released" if config.as_released else "mended",
         "config": asdict(config),
