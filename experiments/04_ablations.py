@@ -1,4 +1,4 @@
-"""Ablations that the paper implies: variational style, facing target, hidden-state initialiser, encoder, example length.
+"""Ablations that the paper implies: variational style, facing target, first hidden state, encoder, example length.
 
     python experiments/04_ablations.py corpus -o runs/ablations [--demo runs/demo] [--only NAME ...] [--seeds 1 2 3]
 
