@@ -3,10 +3,11 @@
 import os
 import shutil
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from tqdm import tqdm
@@ -183,23 +184,55 @@ def prepare(
 
 
 @app.command
-def train(corpus: Positional[Path], /, *, out: Out, config: Path | None = None, steps: int | None = None) -> None:
+def train(
+    corpus: Positional[Path | None] = None,
+    /,
+    *,
+    out: Annotated[Path | None, arg(aliases=["-o"])] = None,
+    config: Path | None = None,
+    steps: int | None = None,
+    print_config: bool = False,
+    coordinator: str | None = None,
+    processes: int | None = None,
+    process: int | None = None,
+) -> None:
     """Train a model on a corpus; run the same command again to go on where it stopped.
 
     Args:
         corpus: A folder of name.bvh + name.wav pairs, or one that 'zeggs prepare' wrote.
-        out: The folder of the run: checkpoints and log.
+        out: The folder of the run: checkpoints, log, samples.
         config: A JSON file with the settings to change; the paper's, as released, when left out.
         steps: How many steps to train, whatever the settings say.
+        print_config: Only print all settings, as a JSON file to start from.
+        coordinator: In a run of several processes, HOST:PORT of process 0; 'auto' asks the cluster.
+        processes: How many processes the run has.
+        process: Which one this is, from 0.
     """
-    from .zeroeggs import train as t
+    import json
 
-    _prepare_folder(out)
+    from .zeroeggs import train as t
+    from .zeroeggs.config import to_dict
+
     settings = t.read_config(config) if config else t.TrainConfig()
     if steps is not None:
         settings = replace(settings, steps=steps)
-    t.train(t.prepared(corpus, out, settings.speech_columns), out, settings)
-    print(f"trained {settings.steps} steps; use the model with 'zeggs generate SPEECH --checkpoint {out}'")
+    if print_config:
+        print(json.dumps(to_dict(settings), indent=1))
+        return
+    if corpus is None or out is None:
+        raise ValueError("train needs a corpus and --out; see 'zeggs train --help'.")
+    t.devices.start(coordinator, processes, process)  # before JAX computes anything
+    from .metrics import rollout
+    from .stage import player
+
+    def show(path: Path, clips: Sequence[tuple[str, Any]], title: str) -> None:
+        player.write(path, [player.Figure(label, clip) for label, clip in clips], title)
+
+    _prepare_folder(out)
+    folder = t.prepared_once(corpus, out, settings.speech_columns)
+    t.train(folder, out, settings, observers=t.Observers(rollout.measure, show))
+    if t.devices.first():
+        print(f"trained {settings.steps} steps; use the model with 'zeggs generate SPEECH --checkpoint {out}'")
 
 
 @app.command

@@ -87,7 +87,7 @@ def batch_loss(params: Params, batch: Batch, draws: Draws, step: ArrayLike, sett
 def weigh(terms: Terms, divergence: Float[Array, " B"], kl_weight: ArrayLike) -> tuple[Array, Metrics]:
     """The loss of a batch from the terms and divergences [B] of its clips, and its parts."""
     means = jax.tree.map(jnp.mean, terms)
-    weighted = kl_weight * jnp.mean(divergence)
+    weighted = jnp.asarray(kl_weight) * jnp.mean(divergence)
     return losses.total(means, weighted), {**means._asdict(), "kl": weighted}
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from ..data import corpus as corpora
 from ..data import prepare as preparation
-from ..training import checkpoint
+from ..training import checkpoint, devices
 from .config import to_dict
 from .settings import TrainConfig
 
@@ -45,6 +45,12 @@ def prepared(corpus: str | Path, out: str | Path, speech_columns: bool = False) 
                 "with the same settings, or choose another folder."
             )
     return folder
+
+
+def prepared_once(corpus: str | Path, out: str | Path, speech_columns: bool = False) -> Path:
+    """`prepared`, by the first process of a run while the others wait for it."""
+    devices.first_does(lambda: prepared(corpus, out, speech_columns))
+    return prepared(corpus, out, speech_columns)
 
 
 def _source(corpus: Path) -> dict[str, Any]:

@@ -8,6 +8,7 @@ numbers of a run that was never stopped.
 import dataclasses
 import hashlib
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from .model import init
 from .objective import Setting, loss_fn
 from .run_folder import check_same, write_json
 from .run_folder import prepared as prepared  # what `train` trains on, made if need be
+from .run_folder import prepared_once as prepared_once
 from .settings import TrainConfig
 from .settings import read_config as read_config
 from .validation import NOBODY, Observers, Sampler, Validation, can_validate
@@ -64,7 +66,7 @@ def train(
         make_step(loss_fn(setting), transform, config.seed, config.accumulate, config.ema),
         batch,
         lambda path, state: checkpoint.save(path, _tree(state, arrays.scales), metadata),
-        Validation(arrays, setting, observers.judge) if can_validate(arrays, config.windows) else None,
+        _validation(arrays, setting, observers, progress),
         Sampler(arrays, setting, observers.show),
     )
     plan = loop.Plan(**{name: getattr(config, name) for name in loop.Plan._fields})
@@ -90,6 +92,17 @@ def fit_config(config: TrainConfig, corpus: Prepared) -> TrainConfig:
     heard = from_dict(SpeechFeatureConfig, corpus.config.get("speech", {}), f"config of '{corpus.folder}'")
     model = dataclasses.replace(model, joints=joints, frame_time=corpus.frame_time, features=heard, speech=speech)
     return dataclasses.replace(config, model=model)
+
+
+def _validation(arrays: Prepared, setting: Setting, observers: Observers, progress: bool) -> Validation | None:
+    if setting.config.validate_every == 0:
+        return None
+    if can_validate(arrays, setting.config.windows):
+        return Validation(arrays, setting, observers.judge)
+    if progress and devices.first():
+        frames = setting.config.windows.window
+        print(f"no clip of the split 'valid' holds a window of {frames} frames: nothing is validated.", file=sys.stderr)
+    return None
 
 
 def _start(
