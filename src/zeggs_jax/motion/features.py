@@ -49,7 +49,7 @@ def encode(clip: Clip) -> Motion:
         clip.positions,
     )
     gaze = np.median(pose.root.pos + GAZE_DISTANCE * look, axis=0)
-    pose, gaze = jax.tree.map(lambda x: jnp.asarray(x.astype(np.float32)), (pose, gaze))  # numpy rounds: see above
+    pose, gaze = jax.tree.map(lambda x: jax.device_put(x.astype(np.float32)), (pose, gaze))  # compiles nothing
     return Motion(pose, gaze)
 
 
