@@ -12,11 +12,12 @@ from zeggs_jax.speech import wav
 
 NAMES = ("Hips", "Spine", "Spine2", "Head", "LeftHand", "RightHand", "LeftFoot", "RightFoot")
 PARENTS = (-1, 0, 1, 2, 2, 2, 0, 0)
+OFFSETS = [[0, 95, 0], [0, 12, -2], [0, 25, 1], [0, 35, 2], [38, -9, 6], [-36, -10, 5], [9, -86, 3], [-10, -85, 2]]
 
 
 def make_clip(frames: int, seed: int = 0, rate_hz: float = 60.0, names: tuple[str, ...] = NAMES) -> bvh.Clip:
     random = np.random.default_rng(seed)
-    offsets = np.random.default_rng(0).uniform(5, 30, (len(names), 3))
+    offsets = np.array(OFFSETS[: len(names)], float)
     time = np.arange(frames)[:, None, None] / rate_hz
     phase, speed = random.uniform(0, 6, (2, 1, len(names), 3))
     euler = 0.4 * np.sin(speed * time + phase)

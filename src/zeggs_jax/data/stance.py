@@ -100,14 +100,10 @@ def _sides(skeleton: Skeleton, places: Float[np.ndarray, "t J 3"], name: str) ->
 
 
 def _asymmetry(skeleton: Skeleton, frames: list[np.ndarray]) -> float:
-    """How far offsets of left joints are from the mirrored ones of right joints, against the length of all bones."""
-    reflect = np.array([-1.0, 1.0, 1.0])
-    turned = [
-        offset if parent < 0 else frames[parent] @ offset
-        for parent, offset in zip(skeleton.parents, skeleton.offsets, strict=True)
-    ]
-    differences = [np.linalg.norm(turned[left] - reflect * turned[right]) for left, right in skeleton.pairs()]
-    return float(sum(differences) / max(np.linalg.norm(turned, axis=-1).sum(), 1e-9))
+    """`Skeleton.asymmetry` of the body in other joint frames."""
+    above = np.stack([np.eye(3) if parent < 0 else frames[parent] for parent in skeleton.parents])
+    turned = np.einsum("jab,jb->ja", above, skeleton.offsets)
+    return Skeleton(skeleton.names, skeleton.parents, turned, skeleton.roles).asymmetry()
 
 
 def to_frames(axes: tuple[str, ...], joints: int) -> Float[np.ndarray, "J 3 3"]:

@@ -34,6 +34,7 @@ def mirror(clip: Clip, keep_offsets: bool = False) -> Clip:
     orders = tuple(clip.orders[joint] for joint in across)
     signs = np.array([[1.0 if letter == "x" else -1.0 for letter in order] for order in orders])
     skeleton = clip.skeleton
+    reflect = np.where(np.isin(np.arange(len(skeleton)), skeleton.alone())[:, None], 1.0, reflect)
     offsets = skeleton.offsets[across] * reflect
     positions = clip.positions[:, across] * reflect
     if keep_offsets:
@@ -80,22 +81,35 @@ def resample(clip: Clip, rate: float) -> Clip:
 
 
 def centre(clip: Clip, as_released: bool = False) -> Clip:
-    """The clip moved so that joint 0 starts above the origin, facing +Z.
+    """The clip moved so that the hips start above the origin, facing +Z.
 
-    `as_released` keeps the release's yaw: frame 0's quaternion of joint 0 with x and z set to zero and not
-    made unit, so that the move is not quite rigid (up to 0.7 degrees; the released data went through it).
+    `as_released` goes by joint 0 and keeps the release's yaw: frame 0's quaternion with x and z set to zero and
+    not made unit, so that the move is not quite rigid (up to 0.7 degrees; the released data went through it).
     """
     rotations = local_quaternions(clip)
-    yaw = rotations[:1, 0] * np.array([1.0, 0.0, 1.0, 0.0])
+    start, turn = (clip.positions[0, 0], rotations[0, 0]) if as_released else _hips(clip, rotations)
+    yaw = turn[None] * np.array([[1.0, 0.0, 1.0, 0.0]])
     if not as_released:
         length = np.linalg.norm(yaw)
         yaw = yaw / length if length > 0 else np.array([[1.0, 0.0, 0.0, 0.0]])
     positions = clip.positions.copy()
     back = np.repeat(yaw * np.array([1.0, -1.0, -1.0, -1.0]), len(positions), axis=0)
-    moved = positions[:, 0] - positions[0, 0] * np.array([1.0, 0.0, 1.0])
+    moved = positions[:, 0] - start * np.array([1.0, 0.0, 1.0])
     rotations[:, 0] = in_float64(jax.jit(quaternion.multiply), back, rotations[:, 0])
     positions[:, 0] = in_float64(jax.jit(quaternion.rotate), back, moved)
     return with_quaternions(clip, rotations, positions)
+
+
+def _hips(clip: Clip, rotations: Float[np.ndarray, "T J 4"]) -> tuple[np.ndarray, np.ndarray]:
+    """Position and rotation of the hips in world in frame 0."""
+    skeleton = clip.skeleton
+    known = skeleton.roles is not None and skeleton.roles.hips is not None
+    place, turn = clip.positions[0, 0], rotations[0, 0]
+    for joint in skeleton.path(skeleton.role("hips"))[1:] if known else ():
+        with jax.enable_x64(True):
+            place = place + np.asarray(quaternion.rotate(turn, clip.positions[0, joint]))
+            turn = np.asarray(quaternion.multiply(turn, rotations[0, joint]))
+    return place, turn
 
 
 def reframe(

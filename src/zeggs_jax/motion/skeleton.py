@@ -180,17 +180,44 @@ class Skeleton:
             if side == "left" and ("right", words) in named
         ]
 
+    def alone(self) -> list[int]:
+        """Numbers of the helpers on one side: no counterpart, no children, no role, at a joint with a counterpart."""
+        paired = {joint for pair in self.pairs() for joint in pair}
+        playing = set(vars(self.roles).values())
+        return [
+            joint
+            for joint, (name, parent) in enumerate(zip(self.names, self.parents, strict=True))
+            if _words(name)[0] and joint not in paired and parent in paired
+            if joint not in self.parents and name not in playing
+        ]
+
     def mirror_map(self) -> tuple[int, ...]:
-        """For every joint the number of its counterpart across; itself for joints in the middle."""
-        by_words = {_words(name): joint for joint, name in enumerate(self.names)}
-        other = {"left": "right", "right": "left", "": ""}
-        counterparts = []
-        for name in self.names:
-            side, words = _words(name)
-            if (other[side], words) not in by_words:
-                raise ValueError(f"Joint '{name}' has no {other[side]} counterpart, so this body has no mirror.")
-            counterparts.append(by_words[other[side], words] if side else self.names.index(name))
+        """For every joint the number of its counterpart across; itself for joints in the middle and helpers `alone`.
+
+        ValueError where any other joint has no counterpart.
+        """
+        counterparts = list(range(len(self)))
+        for left, right in self.pairs():
+            counterparts[left], counterparts[right] = right, left
+        alone = self.alone()
+        for joint, name in enumerate(self.names):
+            side = _words(name)[0]
+            if side and counterparts[joint] == joint and joint not in alone:
+                other = {"left": "right", "right": "left"}[side]
+                raise ValueError(f"Joint '{name}' has no {other} counterpart, so this body has no mirror.")
         return tuple(counterparts)
+
+    def asymmetry(self) -> float:
+        """How far the left joints' offsets are from the mirror images (x = 0) of the right ones', 0 to about 1.
+
+        Against the length of their bones. Near 1 the two sides' frames are not mirror images, and neither is a
+        motion whose rotations are mirrored.
+        """
+        pairs = np.array(self.pairs(), int).reshape(-1, 2)
+        left, right = self.offsets[pairs[:, 0]], self.offsets[pairs[:, 1]]
+        apart = np.linalg.norm(left - right * np.array([-1.0, 1.0, 1.0]), axis=-1).sum()
+        length = np.linalg.norm(left, axis=-1).sum() + np.linalg.norm(right, axis=-1).sum()
+        return float(apart / length) if length > 0 else 0.0
 
 
 def levels(parents: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
