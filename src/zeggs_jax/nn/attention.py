@@ -12,6 +12,7 @@ import numpy as np
 from flax import linen as nn
 from jaxtyping import Array, Bool, Float, Float32
 
+from .compute import Matmul, operand, precision
 from .layers import Conv, Dense, LayerNorm
 
 
@@ -37,19 +38,22 @@ class SelfAttention(nn.Module):
 
     heads: int
     dropout: float
+    matmul: Matmul = "float32"
 
     @nn.compact
     def __call__(
         self, x: Float[Array, "T E"], mask: Bool[Array, " T"], deterministic: bool = True
     ) -> Float[Array, "T E"]:
         frames, width = x.shape
-        stacked = Dense(3 * width, gain=1.0, zero_bias=True, name="project_in")(x)
+        stacked = Dense(3 * width, gain=1.0, zero_bias=True, matmul=self.matmul, name="project_in")(x)
         query, key, value = (a.reshape(frames, self.heads, -1) for a in jnp.split(stacked, 3, axis=-1))
-        scores = jnp.einsum("qhd,khd->hqk", query / math.sqrt(width // self.heads), key)
+        query, key, value = (operand(a, self.matmul) for a in (query / math.sqrt(width // self.heads), key, value))
+        scores = jnp.einsum("qhd,khd->hqk", query, key, precision=precision(self.matmul))
         weights = jax.nn.softmax(jnp.where(mask[None, None, :], scores, -jnp.inf), axis=-1)
         weights = nn.Dropout(self.dropout)(weights, deterministic=deterministic)
-        mixed = jnp.einsum("hqk,khd->qhd", weights, value).reshape(frames, width)
-        return Dense(width, zero_bias=True, name="project_out")(mixed)
+        weights = operand(weights, self.matmul)
+        mixed = jnp.einsum("hqk,khd->qhd", weights, value, precision=precision(self.matmul)).reshape(frames, width)
+        return Dense(width, zero_bias=True, matmul=self.matmul, name="project_out")(mixed)
 
 
 class TransformerBlock(nn.Module):
@@ -57,6 +61,7 @@ class TransformerBlock(nn.Module):
 
     heads: int
     dropout: float
+    matmul: Matmul = "float32"
 
     @nn.compact
     def __call__(
@@ -64,8 +69,8 @@ class TransformerBlock(nn.Module):
     ) -> Float[Array, "T E"]:
         width = x.shape[-1]
         drop = nn.Dropout(self.dropout, deterministic=deterministic)
-        attended = SelfAttention(self.heads, self.dropout, name="attention")(x, mask, deterministic)
+        attended = SelfAttention(self.heads, self.dropout, self.matmul, name="attention")(x, mask, deterministic)
         x = LayerNorm(name="attention_norm")(drop(attended) + x)
-        inner = jax.nn.relu(Conv(width, 3, gain=math.sqrt(2.0), name="conv0")(masked(x, mask)))
-        inner = Conv(width, 3, gain=1.0, name="conv1")(masked(inner, mask))
+        inner = jax.nn.relu(Conv(width, 3, gain=math.sqrt(2.0), matmul=self.matmul, name="conv0")(masked(x, mask)))
+        inner = Conv(width, 3, gain=1.0, matmul=self.matmul, name="conv1")(masked(inner, mask))
         return LayerNorm(name="conv_norm")(drop(inner) + x)

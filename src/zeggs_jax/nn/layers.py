@@ -2,7 +2,8 @@
 
 Weights keep PyTorch's layouts, (out, in) and (out, in, kernel), its two GRU biases and its initialisers, so
 that converting a release's weights is pure renaming and training starts from the same distribution. All is
-written for one clip: an array is a vector [C] or a sequence [T, C]; batches come from `jax.vmap`.
+written for one clip: an array is a vector [C] or a sequence [T, C]; batches come from `jax.vmap`. With `matmul`
+"bfloat16" the layers round what they multiply; the weights come rounded (`compute.operands`).
 """
 
 import math
@@ -12,7 +13,11 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 from flax.linen.initializers import Initializer
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
+
+from .compute import Matmul, operand, precision
+from .deferred import INPUTS
 
 
 def uniform(bound: float) -> Initializer:
@@ -34,6 +39,15 @@ def xavier_bound(gain: float, fan_in: int, fan_out: int) -> float:
     return gain * math.sqrt(6.0 / (fan_in + fan_out))
 
 
+def multiply(
+    layer: nn.Module, name: str, weight: Float[ArrayLike, "out in"], x: Float[Array, " in"], matmul: Matmul
+) -> Float[Array, " out"]:
+    """`weight @ x`, leaving x where a scan with deferred weight gradients looks for it (`nn.deferred`)."""
+    x = operand(x, matmul)
+    layer.sow(INPUTS, name, x, init_fn=lambda: x, reduce_fn=lambda _, new: new)
+    return jnp.matmul(weight, x, precision=precision(matmul))
+
+
 class Dense(nn.Module):
     """y = W x + b, weight (features, in); `gain` draws W by Xavier, else by PyTorch's default.
 
@@ -43,6 +57,7 @@ class Dense(nn.Module):
     features: int
     gain: float | None = None
     zero_bias: bool = False
+    matmul: Matmul = "float32"
 
     @nn.compact
     def __call__(self, x: Float[Array, "*T in"]) -> Float[Array, "*T out"]:
@@ -52,8 +67,8 @@ class Dense(nn.Module):
         weight = self.param("weight", uniform(weight_bound), (self.features, fan_in))
         bias = self.param("bias", uniform(0.0 if self.zero_bias else bound), (self.features,))
         if x.ndim == 1:
-            return weight @ x + bias
-        product = jnp.tensordot(x, weight, axes=((-1,), (1,)))
+            return multiply(self, "weight", weight, x, self.matmul) + bias
+        product = jnp.tensordot(operand(x, self.matmul), weight, axes=((-1,), (1,)), precision=precision(self.matmul))
         return product + jnp.broadcast_to(bias, product.shape)
 
 
@@ -67,6 +82,7 @@ class Conv(nn.Module):
     kernel: int
     padding: Literal["zero", "edge"] = "zero"
     gain: float | None = None
+    matmul: Matmul = "float32"
 
     @nn.compact
     def __call__(self, x: Float[Array, "T in"]) -> Float[Array, "T out"]:
@@ -79,7 +95,7 @@ class Conv(nn.Module):
         half = self.kernel // 2
         padded = jnp.pad(x, ((half, half), (0, 0)), mode="edge" if self.padding == "edge" else "constant")
         product = jax.lax.conv_general_dilated(
-            padded[None],
+            operand(padded, self.matmul)[None],
             weight,
             window_strides=(1,),
             padding="VALID",
@@ -96,6 +112,7 @@ class GRUCell(nn.Module):
     """
 
     features: int
+    matmul: Matmul = "float32"
 
     @nn.compact
     def __call__(self, x: Float[Array, " in"], hidden: Float[Array, " H"]) -> Float[Array, " H"]:
@@ -104,8 +121,8 @@ class GRUCell(nn.Module):
         weight_hh = self.param("weight_hh", draw, (3 * self.features, self.features))
         bias_ih = self.param("bias_ih", draw, (3 * self.features,))
         bias_hh = self.param("bias_hh", draw, (3 * self.features,))
-        reset_x, update_x, new_x = jnp.split(weight_ih @ x + bias_ih, 3)
-        reset_h, update_h, new_h = jnp.split(weight_hh @ hidden + bias_hh, 3)
+        reset_x, update_x, new_x = jnp.split(multiply(self, "weight_ih", weight_ih, x, self.matmul) + bias_ih, 3)
+        reset_h, update_h, new_h = jnp.split(multiply(self, "weight_hh", weight_hh, hidden, self.matmul) + bias_hh, 3)
         reset = jax.nn.sigmoid(reset_x + reset_h)
         update = jax.nn.sigmoid(update_x + update_h)
         new = jnp.tanh(new_x + reset * new_h)

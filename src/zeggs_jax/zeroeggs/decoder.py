@@ -5,6 +5,7 @@ The body has three verbs: **observe** (last pose and the direction of this frame
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import jax
@@ -17,6 +18,8 @@ from ..data import scale
 from ..data.scale import Scale, Scales
 from ..motion import pose as poses
 from ..motion.pose import Pose
+from ..nn import deferred
+from ..nn.compute import PLAIN, Compute, Matmul, operands
 from ..nn.layers import Dense, GRUCell
 
 GAZE = 3  # columns of an observation that are not in a prediction: the direction of the target
@@ -50,10 +53,12 @@ class Decoder(nn.Module):
     """The two networks of Fig. 4: the hidden-state initialiser and one step of the recurrence."""
 
     config: DecoderConfig
+    matmul: Matmul = "float32"
 
     def setup(self) -> None:
         kind = {"normal": Recurrent, "film": FilmRecurrent}[self.config.conditioning]
-        self.initialiser, self.recurrent = HiddenInitialiser(self.config), kind(self.config)
+        self.initialiser = HiddenInitialiser(self.config, self.matmul)
+        self.recurrent = kind(self.config, self.matmul)
 
     def __call__(self, seen: Float[Array, " O"], given: Frame) -> tuple[Array, Array]:
         """Both in a row; what `init` runs."""
@@ -74,26 +79,29 @@ class HiddenInitialiser(nn.Module):
     """Three dense layers, ELU after the first two (the paper has it after the third as well)."""
 
     config: DecoderConfig
+    matmul: Matmul = "float32"
 
     @nn.compact
     def __call__(self, seen: Float[Array, " O"], style: Float[Array, " Z"]) -> Float[Array, "L H"]:
         layers, width = self.config.layers, self.config.hidden
+        dense = partial(Dense, matmul=self.matmul)
         x = jnp.concatenate([seen, style])
         for i in range(2):
-            x = jax.nn.elu(Dense(width, name=f"dense{i}")(x))
-        return Dense(layers * width, name="dense2")(x).reshape(layers, width)
+            x = jax.nn.elu(dense(width, name=f"dense{i}")(x))
+        return dense(layers * width, name="dense2")(x).reshape(layers, width)
 
 
 class StackedGRU(nn.Module):
     """GRU cells one above the other; returns their new hidden states, the last of which is the output."""
 
     config: DecoderConfig
+    matmul: Matmul = "float32"
 
     @nn.compact
     def __call__(self, x: Float[Array, " I"], hidden: Float[Array, "L H"]) -> Float[Array, "L H"]:
         rows = []
         for i in range(self.config.layers):
-            x = GRUCell(self.config.hidden, name=f"layer{i}")(x, hidden[i])
+            x = GRUCell(self.config.hidden, self.matmul, name=f"layer{i}")(x, hidden[i])
             rows.append(x)
         return jnp.stack(rows)
 
@@ -102,34 +110,37 @@ class Recurrent(nn.Module):
     """Dense + ELU, GRU, dense; observation, speech and style enter both the first layer and the GRU."""
 
     config: DecoderConfig
+    matmul: Matmul = "float32"
 
     @nn.compact
     def __call__(
         self, seen: Float[Array, " O"], given: Frame, hidden: Float[Array, "L H"]
     ) -> tuple[Float[Array, " P"], Float[Array, "L H"]]:
+        dense = partial(Dense, matmul=self.matmul)
         inputs = jnp.concatenate([seen, given.speech, given.style])
-        x = jax.nn.elu(Dense(self.config.hidden, name="dense_in")(inputs))
-        hidden = StackedGRU(self.config, name="gru")(jnp.concatenate([x, inputs]), hidden)
-        return Dense(seen.shape[-1] - GAZE, name="dense_out")(hidden[-1]), hidden
+        x = jax.nn.elu(dense(self.config.hidden, name="dense_in")(inputs))
+        hidden = StackedGRU(self.config, self.matmul, name="gru")(jnp.concatenate([x, inputs]), hidden)
+        return dense(seen.shape[-1] - GAZE, name="dense_out")(hidden[-1]), hidden
 
 
 class FilmRecurrent(nn.Module):
     """The same with FiLM: the style scales and shifts the outputs of the layers before and after the GRU."""
 
     config: DecoderConfig
+    matmul: Matmul = "float32"
 
     @nn.compact
     def __call__(
         self, seen: Float[Array, " O"], given: Frame, hidden: Float[Array, "L H"]
     ) -> tuple[Float[Array, " P"], Float[Array, "L H"]]:
-        width = self.config.hidden
-        gamma = jnp.split(Dense(2 * width, gain=1.0, name="gamma")(given.style) + 1.0, 2)
-        beta = jnp.split(Dense(2 * width, gain=1.0, name="beta")(given.style), 2)
+        width, dense = self.config.hidden, partial(Dense, matmul=self.matmul)
+        gamma = jnp.split(dense(2 * width, gain=1.0, name="gamma")(given.style) + 1.0, 2)
+        beta = jnp.split(dense(2 * width, gain=1.0, name="beta")(given.style), 2)
         inputs = jnp.concatenate([seen, given.speech])
-        x = jax.nn.elu(Dense(width, name="dense_in")(inputs)) * gamma[0] + beta[0]
-        hidden = StackedGRU(self.config, name="gru")(jnp.concatenate([x, inputs]), hidden)
-        x = jax.nn.elu(Dense(width, name="dense_mid")(hidden[-1])) * gamma[1] + beta[1]
-        return Dense(seen.shape[-1] - GAZE, name="dense_out")(x), hidden
+        x = jax.nn.elu(dense(width, name="dense_in")(inputs)) * gamma[0] + beta[0]
+        hidden = StackedGRU(self.config, self.matmul, name="gru")(jnp.concatenate([x, inputs]), hidden)
+        x = jax.nn.elu(dense(width, name="dense_mid")(hidden[-1])) * gamma[1] + beta[1]
+        return dense(seen.shape[-1] - GAZE, name="dense_out")(x), hidden
 
 
 def observe(pose: Pose, target: Float[Array, " 3"], pose_in: Scale) -> Float[Array, " O"]:
@@ -137,10 +148,12 @@ def observe(pose: Pose, target: Float[Array, " 3"], pose_in: Scale) -> Float[Arr
     return scale.apply(pose_in, jnp.concatenate([poses.to_vector(pose), poses.gaze_direction(pose.root, target)]))
 
 
-def begin(params: Any, config: DecoderConfig, scales: Scales, first: Pose, given: Frame) -> DecoderState:
+def begin(
+    params: Any, config: DecoderConfig, scales: Scales, first: Pose, given: Frame, matmul: Matmul = "float32"
+) -> DecoderState:
     """The state before frame 1, from the first pose and frame 0's style and target."""
     seen = observe(first, given.target, scales.pose_in)
-    network: Any = Decoder(config)
+    network: Any = Decoder(config, matmul)
     return DecoderState(first, network.apply({"params": params}, seen, given.style, method="begin"))
 
 
@@ -159,16 +172,27 @@ def integrate(last: Pose, predicted: Float[Array, " P"], pose_out: Scale, frame_
 
 
 def rollout(
-    params: Any, config: DecoderConfig, scales: Scales, first: Pose, given: Frame, frame_time: ArrayLike
+    params: Any,
+    config: DecoderConfig,
+    scales: Scales,
+    first: Pose,
+    given: Frame,
+    frame_time: ArrayLike,
+    compute: Compute = PLAIN,
 ) -> Pose:
     """`first` verbatim, then one pose per frame of `given` from frame 1 on (frame 0's speech is not used)."""
+    network: Any = Decoder(config, compute.matmul)
+    params = operands(params, compute.matmul)
 
-    def body(state: DecoderState, frame: Frame) -> tuple[DecoderState, Pose]:
+    def step(recurrent: Any, state: DecoderState, frame: Frame) -> tuple[DecoderState, Pose, Any]:
         seen = observe(state.pose, frame.target, scales.pose_in)
-        predicted, hidden = predict(params, config, seen, frame, state.hidden)
+        variables = {"params": {"recurrent": recurrent}}
+        (predicted, hidden), kept = network.apply(
+            variables, seen, frame, state.hidden, method="predict", mutable=[deferred.INPUTS]
+        )
         pose = integrate(state.pose, predicted, scales.pose_out, frame_time)
-        return DecoderState(pose, hidden), pose
+        return DecoderState(pose, hidden), pose, kept[deferred.INPUTS]["recurrent"]
 
-    state = begin(params, config, scales, first, jax.tree.map(lambda a: a[0], given))
-    _, rest = jax.lax.scan(body, state, jax.tree.map(lambda a: a[1:], given))
+    state = begin(params, config, scales, first, jax.tree.map(lambda a: a[0], given), compute.matmul)
+    _, rest = deferred.scan(step, params["recurrent"], state, jax.tree.map(lambda a: a[1:], given), compute)
     return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, rest)

@@ -19,12 +19,14 @@ from ..data import scale
 from ..data.scale import Scales
 from ..motion.pose import Pose
 from ..motion.skeleton import Skeleton
+from ..nn.compute import PLAIN, Compute, operands
 from .config import ZeroEggsConfig, from_dict, to_dict
 from .decoder import GAZE, Decoder, DecoderConfig, Frame, rollout
 from .speech_encoder import SpeechEncoder, SpeechEncoderConfig
 from .style_encoder import StyleDistribution, StyleEncoder, StyleEncoderConfig, reparameterise, sample_style
 
 __all__ = [
+    "Compute",
     "DecoderConfig",
     "Model",
     "Params",
@@ -74,10 +76,15 @@ def encode_speech(
     scales: Scales,
     features: Float[Array, "T F"],
     dropout_key: Array | None = None,
+    compute: Compute = PLAIN,
 ) -> Float[Array, "T S"]:
     """Fig. 3a: features (`speech.features.extract`) -> speech embedding; dropout only with `dropout_key`."""
-    encoder: Any = SpeechEncoder(config.speech)
-    return encoder.apply({"params": params["speech"]}, scale.apply(scales.speech, features), **_dropout(dropout_key))
+    encoder: Any = SpeechEncoder(config.speech, compute.matmul)
+    return encoder.apply(
+        {"params": operands(params["speech"], compute.matmul)},
+        scale.apply(scales.speech, features),
+        **_dropout(dropout_key),
+    )
 
 
 def encode_style(
@@ -87,15 +94,16 @@ def encode_style(
     example: Float[Array, "M P"],
     length: ArrayLike | None = None,
     dropout_key: Array | None = None,
+    compute: Compute = PLAIN,
 ) -> StyleDistribution:
     """Fig. 3b: pose vectors of an example (`Pose.to_vector` of every frame, unscaled) -> style distribution.
 
     Frames from `length` on are padding. As released, the gaze columns are zeros before they are scaled.
     """
     gazeless = jnp.pad(example, ((0, 0), (0, GAZE)))
-    encoder: Any = StyleEncoder(config.style)
+    encoder: Any = StyleEncoder(config.style, compute.matmul)
     return encoder.apply(
-        {"params": params["style"]},
+        {"params": operands(params["style"], compute.matmul)},
         scale.apply(scales.pose_in, gazeless),
         example.shape[0] if length is None else length,
         **_dropout(dropout_key),
@@ -110,9 +118,11 @@ def decode(
     speech: Float[Array, "T S"],
     style: Float[Array, "T Z"],
     gaze: Float[Array, "T 3"],
+    compute: Compute = PLAIN,
 ) -> Pose:
     """Fig. 4: T poses, the first of which is `first`; `gaze` is the world position, in cm, that it faces."""
-    return rollout(params["decoder"], config.decoder, scales, first, Frame(speech, style, gaze), config.frame_time)
+    given = Frame(speech, style, gaze)
+    return rollout(params["decoder"], config.decoder, scales, first, given, config.frame_time, compute)
 
 
 def check_params(params: Any, config: ZeroEggsConfig) -> None:

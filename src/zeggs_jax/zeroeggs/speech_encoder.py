@@ -10,6 +10,7 @@ import jax
 from flax import linen as nn
 from jaxtyping import Array, Float
 
+from ..nn.compute import Matmul
 from ..nn.layers import Conv, Dense
 
 
@@ -28,12 +29,13 @@ class SpeechEncoder(nn.Module):
     """Two convolutions and a dense layer, ELU after each (the last one too); edges are repeated, not zero."""
 
     config: SpeechEncoderConfig
+    matmul: Matmul = "float32"
 
     @nn.compact
     def __call__(self, features: Float[Array, "T F"], deterministic: bool = True) -> Float[Array, "T S"]:
         """Scaled speech features -> speech embedding."""
         config = self.config
         drop = nn.Dropout(config.dropout, deterministic=deterministic)
-        x = drop(jax.nn.elu(Conv(config.hidden, 1, name="conv0")(features)))
-        x = drop(jax.nn.elu(Conv(config.size, config.kernel, padding="edge", name="conv1")(x)))
-        return jax.nn.elu(Dense(config.size, name="dense")(x))
+        x = drop(jax.nn.elu(Conv(config.hidden, 1, matmul=self.matmul, name="conv0")(features)))
+        x = drop(jax.nn.elu(Conv(config.size, config.kernel, padding="edge", matmul=self.matmul, name="conv1")(x)))
+        return jax.nn.elu(Dense(config.size, matmul=self.matmul, name="dense")(x))

@@ -16,6 +16,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from ..nn.attention import TransformerBlock, masked, positions
+from ..nn.compute import Matmul
 from ..nn.layers import Conv, Dense, GRUCell, LayerNorm
 
 RELU_GAIN = 2.0**0.5
@@ -50,6 +51,7 @@ class StyleEncoder(nn.Module):
     """Fig. 3b; the frames of `example` from `length` on are padding."""
 
     config: StyleEncoderConfig
+    matmul: Matmul = "float32"
 
     @nn.compact
     def __call__(
@@ -58,7 +60,7 @@ class StyleEncoder(nn.Module):
         """Scaled pose vectors (with gaze columns) -> distribution of the style embedding."""
         mask = jnp.arange(example.shape[0]) < length
         kind = AttentionEncoder if self.config.kind == "attn" else RecurrentEncoder
-        outputs = kind(self.config, name="encoder")(masked(example, mask), mask, deterministic)
+        outputs = kind(self.config, self.matmul, name="encoder")(masked(example, mask), mask, deterministic)
         if not self.config.variational:
             return StyleDistribution(outputs, None)
         return StyleDistribution(*jnp.split(outputs, 2))
@@ -68,16 +70,17 @@ class AttentionEncoder(nn.Module):
     """Two convolutions, sinusoidal positions, one transformer block, mean over the frames of the example."""
 
     config: StyleEncoderConfig
+    matmul: Matmul = "float32"
 
     @nn.compact
     def __call__(self, x: Float[Array, "M P"], mask: Bool[Array, " M"], deterministic: bool) -> Float[Array, " O"]:
         config = self.config
         drop = nn.Dropout(config.dropout, deterministic=deterministic)
         for i, width in enumerate((config.hidden, config.outputs)):
-            x = jax.nn.relu(Conv(width, 3, gain=RELU_GAIN, name=f"conv{i}")(x))
+            x = jax.nn.relu(Conv(width, 3, gain=RELU_GAIN, matmul=self.matmul, name=f"conv{i}")(x))
             x = masked(drop(LayerNorm(name=f"norm{i}")(x)), mask)
         x = x + positions(*x.shape).astype(x.dtype)
-        x = TransformerBlock(config.heads, config.block_dropout, name="block")(x, mask, deterministic)
+        x = TransformerBlock(config.heads, config.block_dropout, self.matmul, name="block")(x, mask, deterministic)
         return masked(x, mask).sum(0) / mask.sum()
 
 
@@ -88,21 +91,23 @@ class RecurrentEncoder(nn.Module):
     """
 
     config: StyleEncoderConfig
+    matmul: Matmul = "float32"
 
     @nn.compact
     def __call__(self, x: Float[Array, "M P"], mask: Bool[Array, " M"], deterministic: bool) -> Float[Array, " O"]:
         config = self.config
         for i in range(2):
-            x = masked(jax.nn.relu(Conv(config.hidden, 3, gain=RELU_GAIN, name=f"conv{i}")(x)), mask)
+            x = Conv(config.hidden, 3, gain=RELU_GAIN, matmul=self.matmul, name=f"conv{i}")(x)
+            x = masked(jax.nn.relu(x), mask)
 
         def step(cell: GRUCell, hidden: Array, frame: tuple[Array, Array]) -> tuple[Array, None]:
             return jnp.where(frame[1], cell(frame[0], hidden), hidden), None
 
         scan = nn.scan(step, variable_broadcast="params", split_rngs={"params": False})
         start = jnp.zeros(config.hidden, x.dtype)
-        forward, _ = scan(GRUCell(config.hidden, name="forward"), start, (x, mask))
-        backward = GRUCell(config.hidden, name="backward")(x[mask.sum() - 1], start)
-        return Dense(config.outputs, gain=1.0, name="dense")(jnp.concatenate([forward, backward]))
+        forward, _ = scan(GRUCell(config.hidden, self.matmul, name="forward"), start, (x, mask))
+        backward = GRUCell(config.hidden, self.matmul, name="backward")(x[mask.sum() - 1], start)
+        return Dense(config.outputs, gain=1.0, matmul=self.matmul, name="dense")(jnp.concatenate([forward, backward]))
 
 
 def reparameterise(

@@ -1,0 +1,50 @@
+"""How the networks compute: the precision of their products, and memory against time in the backward pass."""
+
+from typing import Any, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+Matmul = Literal["float32", "bfloat16"]
+
+
+class Compute(NamedTuple):
+    """What changes how a result is computed, but not what is computed; nothing of it belongs to the parameters.
+
+    With "bfloat16" the operands of every matrix product and convolution are rounded to bfloat16, and the products
+    summed and kept in float32; state, losses and optimiser stay in float32. On a CPU this costs time.
+    """
+
+    matmul: Matmul = "float32"
+    remat: bool = False  # the backward pass computes each frame of the decoder again: less memory, more time
+    unroll: int = 1  # frames of the decoder per turn of its loop
+
+
+PLAIN = Compute()
+
+
+@jax.custom_jvp
+def _rounded(x: Float[ArrayLike, "*b"]) -> Float[Array, "*b"]:
+    return jax.lax.reduce_precision(x, exponent_bits=8, mantissa_bits=7)
+
+
+@_rounded.defjvp
+def _rounded_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    return _rounded(*primals), tangents[0]
+
+
+def operand(x: Float[ArrayLike, "*b"], matmul: Matmul) -> Float[Array, "*b"]:
+    """An operand of a product, with bfloat16's 8 digits of mantissa if so wished; its gradient is not rounded."""
+    return jnp.asarray(x) if matmul == "float32" else _rounded(x)
+
+
+def operands(params: Any, matmul: Matmul) -> Any:
+    """`params` with all matrices and kernels as operands: rounded once, not at every frame."""
+    return jax.tree.map(lambda leaf: operand(leaf, matmul) if leaf.ndim > 1 else leaf, params)
+
+
+def precision(matmul: Matmul) -> jax.lax.DotAlgorithmPreset | None:
+    """What a product of operands is told, so that a GPU multiplies in bfloat16; None is the platform's default."""
+    return None if matmul == "float32" else jax.lax.DotAlgorithmPreset.BF16_BF16_F32
