@@ -7,6 +7,7 @@ import typing
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from ..data.body import AS_IS, BodyConfig
 from ..motion import pose
 from ..speech.features import SpeechFeatureConfig
 from .decoder import DecoderConfig
@@ -31,6 +32,7 @@ class ZeroEggsConfig:
     speech: SpeechEncoderConfig = field(default_factory=SpeechEncoderConfig)
     style: StyleEncoderConfig = field(default_factory=StyleEncoderConfig)
     decoder: DecoderConfig = field(default_factory=DecoderConfig)
+    body: BodyConfig = AS_IS  # how files of the model's body are read: units, axes and roles, as in training
 
     def __post_init__(self) -> None:
         if bool(self.labels) != (self.style.kind == "label"):

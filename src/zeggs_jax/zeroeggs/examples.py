@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..data.body import normalise
 from ..motion import bvh, edit, features, pose
 from ..motion.features import Motion
 from .checkpoints import digest
@@ -58,12 +59,16 @@ def read(source: str | Path, model: Model, frames: Frames | None = None) -> Exam
 
 
 def read_motion(path: Path, model: Model, frames: Frames | None = None, what: str = "style example") -> Motion:
-    """The motion features of a BVH clip, cut to `frames`, at the model's frame rate; errors say `what` it is."""
+    """The motion features of a BVH clip, cut to `frames`, read as in training, at the model's frame rate.
+
+    Errors say `what` it is.
+    """
     clip = bvh.read(path)
     try:
         if frames is not None:
             clip = edit.trim(clip, *frames)
         clip = edit.fit(clip, model.skeleton, f"{what} '{path.name}'")
+        clip = normalise(clip, model.config.body, path.name)
         rate = bvh.rate_hz(model.config.frame_time)
         if bvh.rate_hz(clip.frame_time) != rate:
             clip = edit.resample(clip, rate)

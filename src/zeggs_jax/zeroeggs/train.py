@@ -16,6 +16,7 @@ import jax
 import optax
 
 from ..data import windows
+from ..data.body import AS_IS
 from ..data.prepared import Prepared, load
 from ..data.scale import Scales
 from ..speech.features import SpeechFeatureConfig
@@ -80,7 +81,7 @@ def optimiser(config: TrainConfig) -> optax.GradientTransformation:
 
 
 def fit_config(config: TrainConfig, corpus: Prepared) -> TrainConfig:
-    """The config with the corpus's joints, frame time and speech features."""
+    """The config with the corpus's joints, frame time, speech features and way of reading bodies."""
     model = config.model
     if model.labels and model.labels != corpus.styles:
         raise ValueError(
@@ -90,7 +91,9 @@ def fit_config(config: TrainConfig, corpus: Prepared) -> TrainConfig:
     speech = dataclasses.replace(model.speech, features=corpus.speech.shape[1])
     joints = len(corpus.skeleton)
     heard = from_dict(SpeechFeatureConfig, corpus.config.get("speech", {}), f"config of '{corpus.folder}'")
-    model = dataclasses.replace(model, joints=joints, frame_time=corpus.frame_time, features=heard, speech=speech)
+    model = dataclasses.replace(
+        model, joints=joints, frame_time=corpus.frame_time, features=heard, speech=speech, body=corpus.body or AS_IS
+    )
     return dataclasses.replace(config, model=model)
 
 
