@@ -37,7 +37,7 @@ def test_errors_of_a_clip_name_its_file(tmp_path, monkeypatch, room, name, confi
 
     add_pair(tmp_path / "corpus", "a", 20)
     monkeypatch.setattr(room, name, fail)
-    with pytest.raises(ValueError, match=r"a: '.*a\.bvh': the joints do not fit;"):
+    with pytest.raises(ValueError, match=r"a: '.*a\.bvh': the joints do not fit\)"):
         prepare(tmp_path / "corpus", tmp_path / "out", config)
 
 

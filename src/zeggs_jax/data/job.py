@@ -11,8 +11,7 @@ import jax
 import numpy as np
 
 from zeggs_jax.data import shard
-from zeggs_jax.data.corpus import Entry
-from zeggs_jax.data.report import Problem
+from zeggs_jax.data.entry import Entry, Problem
 from zeggs_jax.data.settings import PrepareConfig
 from zeggs_jax.data.shard import Body, MadeTake, Rows, Shard
 from zeggs_jax.data.statistics import moments
@@ -37,17 +36,21 @@ class Job(NamedTuple):
     path: Path
 
 
-def plan(entries: list[Entry], config: PrepareConfig, out: Path, folder: Path) -> list[Job]:
+def jobs_of(entries: list[Entry], config: PrepareConfig, out: Path, folder: Path) -> list[Job]:
     """The jobs of a corpus; a shard in `folder` is named by the hash of its clip's files and all settings."""
-    digests = _digests({path for entry in entries for path in (entry.bvh, entry.wav)})
+    digests = _digests(path for entry in entries for path in _files(entry))
     settings = {name: value for name, value in asdict(config).items() if name not in NOT_IN_SHARDS}
     jobs = []
     for entry in entries:
         trimmed = out / "trimmed" / entry.split if config.save_trimmed else None
         made_of = {"name": entry.name, "sync": entry.sync, "split": entry.split if trimmed else None}
-        key = shard.key({**made_of, "bvh": digests[entry.bvh], "wav": digests[entry.wav], **settings})
+        key = shard.key({**made_of, "files": [digests[path] for path in _files(entry)], **settings})
         jobs.append(Job(entry, config, trimmed, folder / f"{key}.npz"))
     return jobs
+
+
+def _files(entry: Entry) -> list[Path]:
+    return [path for path in (entry.bvh, entry.wav, entry.transcript) if path]
 
 
 def _digests(files: Iterable[Path]) -> dict[Path, str]:
@@ -60,7 +63,7 @@ def _digests(files: Iterable[Path]) -> dict[Path, str]:
         except OSError as error:
             return str(error.strerror)
 
-    files = sorted(files)
+    files = sorted(set(files))
     with ThreadPoolExecutor() as threads:
         return dict(zip(files, threads.map(digest, files), strict=True))
 
@@ -70,13 +73,16 @@ def make(job: Job) -> Body | Problem:
     entry, config = job.entry, job.config
     try:
         rate_hz = None if config.rate_hz is None else float(config.rate_hz)
-        made = list(takes(entry, config.paces, rate_hz, config.centre, config.as_released))
+        made = list(
+            takes(entry, config.paces, rate_hz, config.centre, config.as_released, config.body, config.min_frames)
+        )
         body = Body(made[0].clip.skeleton, made[0].clip.frame_time)
         arrays = {take.name: arrays_of(take, config) for take in made}
     except (ValueError, OSError) as error:
         return Problem(entry.name, " ".join(str(error).split()))
-    for take in made if job.trimmed else ():
-        save_trimmed(job.trimmed, take)
+    if job.trimmed:
+        for take in made:
+            save_trimmed(job.trimmed, take)
     shard.write(job.path, Shard(body, arrays))
     return body
 

@@ -11,23 +11,25 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
 from zeggs_jax.data import corpus, report, scale, shard, workers
 from zeggs_jax.data.arrays import ArrayFile, Rows
-from zeggs_jax.data.job import Job, make, plan
+from zeggs_jax.data.body import BodyConfig
+from zeggs_jax.data.entry import Problem
+from zeggs_jax.data.job import Job, jobs_of, make
 from zeggs_jax.data.job import save_trimmed as save_trimmed
 from zeggs_jax.data.prepared import ARRAYS, FORMAT, MANIFEST, SCALES, Prepared, load, skeleton_to_json
-from zeggs_jax.data.report import Problem
 from zeggs_jax.data.settings import MENDED, PrepareConfig
 from zeggs_jax.data.shard import Body, Shard
 from zeggs_jax.data.statistics import Moments, merge
+from zeggs_jax.data.takes import body_of
 from zeggs_jax.motion import bvh
 
 CLIPS = "clips"  # the folder of shards; gone when all is done
@@ -49,27 +51,44 @@ def prepare(
     skeleton or frame rate than the first good one: OUT/report.json lists them all. OSError for a full disk,
     ChildProcessError when a worker dies, KeyboardInterrupt after Ctrl-C, each with a sentence.
     """
-    entries, out = corpus.find(folder), Path(out)
-    (out / CLIPS).mkdir(parents=True, exist_ok=True)
-    jobs = plan(entries, config, out, out / CLIPS)
-    made_of = fingerprint(jobs, config)
-    if _finished(out) != made_of:
+    out = Path(out)
+    plan = _plan(folder, out, config)
+    if _finished(out) != plan.made_of:
+        (out / CLIPS).mkdir(parents=True, exist_ok=True)
         (out / MANIFEST).unlink(missing_ok=True)
-        with _in_one_sentence(out, jobs):
-            good, body = _make_all(jobs, out, config, processes)
-            manifest = {"format": FORMAT, "source": Path(folder).name, "made_of": made_of}
-            manifest |= _join(good, body, out, config)
+        with _in_one_sentence(out, plan.jobs):
+            good, shared = _make_all(plan, out, processes)
+            manifest = {"format": FORMAT, "source": Path(folder).name, "made_of": plan.made_of}
+            manifest |= {"config": asdict(config), "body": asdict(plan.body), **_join(good, shared, out)}
             partial = out / f"{MANIFEST}.partial"
             partial.write_text(json.dumps(manifest, indent=1) + "\n")
             os.replace(partial, out / MANIFEST)
-    shutil.rmtree(out / CLIPS)
+    shutil.rmtree(out / CLIPS, ignore_errors=True)
     return load(out)
 
 
-def fingerprint(jobs: list[Job], config: PrepareConfig) -> str:
-    """A hash of all that the arrays are made of: the corpus's files, its styles and splits, the settings."""
+def made_of(folder: str | Path, config: PrepareConfig = MENDED) -> str:
+    """A hash of all that the arrays of a corpus are made of: every file in it, styles and splits, the settings."""
+    return _plan(folder, Path(), config).made_of
+
+
+class _Plan(NamedTuple):
+    """What is to be done for a corpus."""
+
+    jobs: list[Job]  # one for each pair
+    problems: list[Problem]  # files without a partner
+    body: BodyConfig  # how all clips are read
+    made_of: str
+
+
+def _plan(folder: str | Path, out: Path, config: PrepareConfig) -> _Plan:
+    entries, problems = corpus.survey(folder)
+    body = body_of(entries, config.body, config.as_released)
+    alike = replace(body, roles=config.body.roles)  # roles go by names: another skeleton shall not fail by them
+    jobs = jobs_of(entries, replace(config, body=alike), out, out / CLIPS)
     clips = [[job.entry.name, job.entry.style, job.entry.split, job.path.stem] for job in jobs]
-    return shard.key({"clips": clips, "config": asdict(config)})
+    lost = [problem.name for problem in problems]
+    return _Plan(jobs, problems, body, shard.key({"clips": clips, "lost": lost, "config": asdict(config)}))
 
 
 def _finished(out: Path) -> str | None:
@@ -81,13 +100,13 @@ def _finished(out: Path) -> str | None:
         return None
 
 
-def _make_all(jobs: list[Job], out: Path, config: PrepareConfig, processes: int | None) -> tuple[list[Job], Body]:
+def _make_all(plan: _Plan, out: Path, processes: int | None) -> tuple[list[Job], Body]:
     """Shards of all clips that can be used, and what they share; the others are reported."""
+    jobs, problems = plan.jobs, list(plan.problems)
     there = {job.path for job in jobs if job.path.exists()}
     missing = [job for job in jobs if job.path not in there]
     made = workers.each(make, missing, processes or _processes(missing))
     good: list[tuple[Job, Body]] = []  # the first one's body only is kept
-    problems: list[Problem] = []
     for job in tqdm(jobs, desc="preparing", unit="clip", disable=None):
         outcome = _there(job) if job.path in there else next(made)
         if isinstance(outcome, Body) and good:
@@ -96,7 +115,7 @@ def _make_all(jobs: list[Job], out: Path, config: PrepareConfig, processes: int 
             good.append((job, outcome))
         else:
             problems.append(outcome)
-    report.settle(out, len(good), problems, config.skip_bad)
+    report.settle(out, len(good), problems, jobs[0].config.skip_bad)
     return [job for job, _ in good], good[0][1]
 
 
@@ -143,11 +162,11 @@ def _unlike(first: tuple[Job, Body], job: Job, b: Body) -> Problem | None:
     )
 
 
-def _join(jobs: list[Job], body: Body, out: Path, config: PrepareConfig) -> dict[str, Any]:
+def _join(jobs: list[Job], body: Body, out: Path) -> dict[str, Any]:
     """The final arrays and their statistics, one clip in memory at a time; what the manifest says of them."""
     if all(job.entry.split != "train" for job in jobs):
         raise ValueError("All clips of the corpus are in the split 'valid'; put at least one into 'train'.")
-    styles, clips, training = sorted({job.entry.style for job in jobs}), [], []
+    config, styles, clips, training = jobs[0].config, sorted({job.entry.style for job in jobs}), [], []
     total: tuple[Moments, ...] | None = None
     with ExitStack() as stack:
         paths = {name: (out / CLIPS if name == "look" else out) / f"{name}.npy" for name in shard.Rows._fields}
@@ -171,10 +190,9 @@ def _join(jobs: list[Job], body: Body, out: Path, config: PrepareConfig) -> dict
         )
     joints = len(body.skeleton)
     columns = config.speech_columns or config.speech.log_mel  # log-mels have no std in common
-    _save_scales(out / SCALES, scale.from_moments(*total, joints, columns, released))
+    _save_scales(out / SCALES, scale.from_moments(total[0], total[1], total[2], joints, columns, released))
     return {
         "pipeline": "as released" if config.as_released else "mended",
-        "config": asdict(config),
         "frame_time": body.frame_time,
         "skeleton": skeleton_to_json(body.skeleton),
         "styles": styles,

@@ -3,6 +3,7 @@
 import json
 import zipfile
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32, Int32
 
+from zeggs_jax.data.body import BodyConfig
 from zeggs_jax.data.scale import Scale, Scales
 from zeggs_jax.motion.pose import Pose, Root, from_vector
 from zeggs_jax.motion.skeleton import Roles, Skeleton
@@ -39,6 +41,20 @@ class Prepared:
     root_pos: Float32[np.ndarray, "N 3"]  # cm, world
     root_rot: Float32[np.ndarray, "N 4"]  # world
     scales: Scales
+    body: BodyConfig | None = None  # how the files were read; None in arrays of older versions
+
+    @property
+    def pipeline(self) -> str:
+        """Which way of preparing made the arrays: "as released" or "mended"."""
+        return "as released" if self.config["as_released"] else "mended"
+
+    @cached_property
+    def across(self) -> tuple[int, ...] | None:
+        """For every joint its counterpart on the body's other side; None where the body has no mirror."""
+        try:
+            return self.skeleton.mirror_map()
+        except ValueError:
+            return None
 
     def clips(self, split: str) -> Int32[np.ndarray, " c"]:
         """Numbers of the clips of a split."""
@@ -82,8 +98,15 @@ def _load(folder: Path) -> Prepared:
         ranges=np.array([clip["range"] for clip in clips], np.int32),
         gaze=np.array([clip["gaze"] for clip in clips], np.float32),
         scales=_read_scales(folder / SCALES),
+        body=_body(manifest["body"]) if "body" in manifest else None,
         **arrays,
     )
+
+
+def _body(stored: dict[str, Any]) -> BodyConfig:
+    axes, roles = stored["axes"], stored["roles"]
+    lists = {"axes": None if axes is None else tuple(axes), "roles": None if roles is None else Roles(**roles)}
+    return BodyConfig(**{**stored, **lists})
 
 
 def _read_scales(path: Path) -> Scales:

@@ -5,17 +5,11 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+
+from zeggs_jax.data.entry import Problem
 
 REPORT = "report.json"
 SHOWN = 10
-
-
-class Problem(NamedTuple):
-    """A clip that cannot be used, and why, in one sentence."""
-
-    name: str
-    reason: str
 
 
 def write(out: Path, used: int, problems: Sequence[Problem]) -> Path:

@@ -60,9 +60,8 @@ def fit(
     `speech_columns` gives every speech feature a std of its own. The release has one for all 81, which the
     energy's offset dominates, so that its networks see mels of about +-0.06.
     """
-    blocks = (speech, pose, gaze)
-    columns = tuple(fit_columns(block, True) for block in blocks) if as_released else None
-    return from_moments(*(total(block) for block in blocks), joints, speech_columns, columns)
+    columns = tuple(fit_columns(blocks, True) for blocks in (speech, pose, gaze)) if as_released else None
+    return from_moments(total(speech), total(pose), total(gaze), joints, speech_columns, columns)
 
 
 def from_moments(

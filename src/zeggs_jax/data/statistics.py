@@ -30,6 +30,6 @@ def merge(a: Moments, b: Moments) -> Moments:
     return Moments(count, mean, a.squares + b.squares + apart**2 * (a.count * b.count / count))
 
 
-def total(blocks: Iterable[Float[np.ndarray, "T n"]]) -> Moments:
-    """Of the rows of all blocks, at least one."""
+def total(blocks: Iterable[np.ndarray]) -> Moments:
+    """Of the rows of all blocks [T, n], at least one."""
     return reduce(merge, (moments(block) for block in blocks))
