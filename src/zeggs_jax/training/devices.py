@@ -148,6 +148,7 @@ def check_batch(size: int, mesh: Mesh) -> None:
         raise ValueError(f"a batch of {size} clips cannot be shared by {mesh.size} devices: make it {near}.")
 
 
+@company()
 def check_same(content: bytes, what: str) -> None:
     """OSError, in every process, when `content` is not the same in all of them."""
     if jax.process_count() == 1:
@@ -160,6 +161,7 @@ def check_same(content: bytes, what: str) -> None:
         )
 
 
+@company()
 def any_process(flag: bool) -> bool:
     """Whether `flag` is set in any process; all of them must ask, and all get the same answer."""
     if jax.process_count() == 1:
@@ -169,6 +171,7 @@ def any_process(flag: bool) -> bool:
 
 def first_does(work: Callable[[], Any]) -> None:
     """Process 0 does `work` while the others wait; when it fails, all fail: no process waits for a dead one."""
+    any_process(False)  # they meet first: JAX's patience ends for a first connection, not for a late answer
     problem: Exception | None = None
     if first():
         try:

@@ -45,6 +45,7 @@ class Task(NamedTuple):
     sample: Callable[[Path, TrainState], Any] | None = None  # writes a folder; in the first process alone
 
 
+@devices.company()
 def fit(state: TrainState, task: Task, run: Path, plan: Plan, progress: bool = True) -> TrainState:
     """Train from `state` up to `plan.steps` updates, writing to RUN (record.py, keep.py, samples/step_*).
 
