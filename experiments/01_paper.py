@@ -21,7 +21,7 @@ import numpy as np
 import trials
 from zeggs_jax.data import prepared
 from zeggs_jax.data.prepare import PrepareConfig
-from zeggs_jax.data.windows import WindowConfig, window_count
+from zeggs_jax.data.windows import WindowConfig
 from zeggs_jax.zeroeggs.model import ZeroEggsConfig
 from zeggs_jax.zeroeggs.train import TrainConfig, train
 
@@ -55,7 +55,7 @@ def describe(folder: Path, config: TrainConfig) -> str:
     """How much there is to train on, and how often training will see it."""
     found = prepared.load(folder)
     training = found.ranges[found.clips("train")]
-    windows = int(window_count(training, config.windows.window, config.windows.as_released).sum())
+    windows = int(np.maximum(np.diff(training) - config.windows.window + 1, 0).sum())
     size = sum(path.stat().st_size for path in folder.rglob("*.npy"))
     minutes = float(np.diff(training).sum()) * found.frame_time / 60.0
     rounds = config.steps * config.windows.batch / max(windows, 1)

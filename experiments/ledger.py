@@ -27,6 +27,9 @@ def fill(path: Path, jobs: Mapping[str, Callable[[], Row]], what: str) -> list[R
     """The rows of all jobs, in their order; only those that the file lacks are done, each written when it is."""
     path.parent.mkdir(parents=True, exist_ok=True)
     done = read(path)
+    if path.exists() and not path.read_bytes().endswith(b"\n"):
+        with path.open("a") as file:
+            file.write("\n")
     for job in tqdm([job for job in jobs if job not in done], desc=what, unit="job"):
         row = {"job": job, **jobs[job]()}
         with path.open("a") as file:  # one write a line: two processes may share the file
