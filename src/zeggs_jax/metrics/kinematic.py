@@ -1,12 +1,36 @@
-"""Kinematic measures of a clip: hand speed, jerk, root drift, and the statistics that tell styles apart."""
+"""How a body moves: speed, acceleration and jerk and how they are distributed, drift, what tells styles apart."""
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from ..motion import bvh, features
 from ..motion.bvh import Clip
+from . import movement
+from .movement import Movement, Positions
 
-Positions = Float[np.ndarray, "T J 3"]
+BINS = 50  # of a histogram, from 0 to the truth's 99th percentile; what is above has a bin of its own
+
+Order = Literal[1, 2, 3]  # of a derivative: speed, acceleration, jerk
+
+
+class Spread(NamedTuple):
+    """How a quantity is distributed over frames and joints."""
+
+    mean: float
+    std: float
+    median: float
+    p95: float
+
+
+class Dynamics(NamedTuple):
+    """Lengths of the first three derivatives of joint positions."""
+
+    speed: Spread  # cm/s
+    acceleration: Spread  # cm/s^2
+    jerk: Spread  # cm/s^3
 
 
 def world_positions(clip: Clip) -> Positions:
@@ -58,11 +82,77 @@ def style_statistics(clip: Clip) -> Float[np.ndarray, " S"]:
 
 def in_heading(clip: Clip) -> Positions:
     """World positions relative to the mean hips' ground point, turned so that the shoulders' mean line is x."""
-    skeleton, positions = clip.skeleton, world_positions(clip)
-    shoulders = [skeleton.parents[skeleton.parents[skeleton.role(hand)]] for hand in ("left_hand", "right_hand")]
-    across = (positions[:, shoulders[0]] - positions[:, shoulders[1]]).mean(axis=0)
-    angle = np.arctan2(across[2], across[0])
-    cos, sin = np.cos(angle), np.sin(angle)
-    turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
-    origin = positions[:, skeleton.role("hips")].mean(axis=0) * np.array([1.0, 0.0, 1.0])
-    return (positions - origin) @ turn.T
+    return movement.in_heading(movement.of(clip)).positions
+
+
+def derivative(positions: Positions, rate_hz: float, order: Order) -> Float[np.ndarray, "T-order J"]:
+    """Length of the difference of an order, times rate^order: cm/s, cm/s^2, cm/s^3 (GENEA, with the true rate).
+
+    GENEA's scripts multiply by 30 whatever the rate is.
+    """
+    return np.linalg.norm(np.diff(positions, n=order, axis=0), axis=-1) * rate_hz**order
+
+
+def dynamics(motion: Movement, joints: Sequence[int] | None = None) -> Dynamics:
+    """Speed, acceleration and jerk over all frames and `joints` (all where left out).
+
+    Third differences of noise grow with the cube of the rate: compare motions of one rate.
+
+    Raises:
+        ValueError: fewer than 4 frames, or NaN.
+    """
+    motion = movement.checked(motion, 4)
+    positions = motion.positions if joints is None else motion.positions[:, list(joints)]
+    spreads = []
+    for order in (1, 2, 3):
+        values = derivative(positions, motion.rate_hz, order)
+        median, p95 = np.percentile(values, (50, 95)).tolist()
+        spreads.append(Spread(float(values.mean()), float(values.std()), median, p95))
+    return Dynamics(*spreads)
+
+
+def hellinger(first: Float[np.ndarray, " B"], second: Float[np.ndarray, " B"]) -> float:
+    """Distance of two histograms: sqrt(1 - sum sqrt(p q)), 0 where they are alike, 1 where they share no bin (GENEA).
+
+    Raises:
+        ValueError: other numbers of bins, or a histogram that counts nothing.
+    """
+    first, second = np.asarray(first, np.float64), np.asarray(second, np.float64)
+    if first.shape != second.shape or not (first.sum() > 0 and second.sum() > 0):
+        raise ValueError(
+            f"histograms of {len(first)} and {len(second)} bins with sums {first.sum():g} and {second.sum():g} "
+            "cannot be compared; give two over the same bins, neither empty."
+        )
+    overlap = np.sqrt(first / first.sum() * (second / second.sum())).sum()
+    return float(np.sqrt(max(1.0 - overlap, 0.0)))
+
+
+def hellinger_of(
+    made: Sequence[Movement],
+    truth: Sequence[Movement],
+    order: Order = 1,
+    joints: Sequence[int] | None = None,
+    edges: Float[np.ndarray, " B"] | None = None,
+) -> float:
+    """Hellinger distance between how fast (order 1; 2 acceleration, 3 jerk) the joints of two groups of clips move.
+
+    `edges` of the bins left out are 50 from 0 to the truth's 99th percentile, so that units do not matter; what is
+    above the last edge is counted in a bin of its own. GENEA's are `np.arange(0, 50)` cm/s (its histogram's default; or
+    every 0.05, with which two samples of one motion are far apart), and what is above is dropped there.
+
+    Raises:
+        ValueError: no clips, skeletons or rates that differ, fewer than 4 frames, NaN, or a truth that stands still.
+    """
+    names = [f"{group} motion {k + 1}" for group, clips in (("made", made), ("true", truth)) for k in range(len(clips))]
+    if not made or not truth:
+        raise ValueError(f"got {len(made)} made and {len(truth)} true motions to compare; give one or more of each.")
+    both = movement.alike([*made, *truth], 4, names)
+    chosen = slice(None) if joints is None else list(joints)
+    found = [derivative(m.positions[:, chosen], m.rate_hz, order).ravel() for m in both]
+    ours, theirs = np.concatenate(found[: len(made)]), np.concatenate(found[len(made) :])
+    if edges is None:
+        if not (top := float(np.percentile(theirs, 99))) > 0.0:
+            raise ValueError("the true motion stands still, so its speeds have no range; give motion that moves.")
+        edges = np.linspace(0.0, top, BINS + 1)
+    open_ended = np.append(edges, np.inf)
+    return hellinger(*(np.histogram(values, open_ended)[0].astype(np.float64) for values in (ours, theirs)))

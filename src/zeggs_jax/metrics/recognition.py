@@ -1,5 +1,6 @@
-"""Style recognition by the nearest centroid of kinematic statistics."""
+"""Style recognition by the nearest centroid of kinematic statistics, and what the same gets of the truth."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -36,3 +37,60 @@ def nearest(centroids: Centroids, statistics: Float[np.ndarray, " S"]) -> str:
     """The name of the closest centroid."""
     z = (statistics - centroids.mean) / centroids.spread
     return centroids.names[int(np.linalg.norm(centroids.points - z, axis=1).argmin())]
+
+
+class Recognition(NamedTuple):
+    """How often made clips are recognised as the style they were made in, and what that is worth."""
+
+    accuracy: float  # share of the made clips
+    truth: float  # share of the recorded clips, each by centroids made without it: what can be expected at best
+    chance: float  # share that guessing the most frequent style of the made clips gets
+    recognised: tuple[str, ...]  # the style of each made clip, as recognised
+    right: tuple[bool, ...]  # of each made clip
+
+
+def judge(
+    truth: Float[np.ndarray, "N S"],
+    truth_styles: Sequence[str],
+    made: Float[np.ndarray, "M S"],
+    made_styles: Sequence[str],
+) -> Recognition:
+    """Recognises made clips by the recorded ones, and the recorded ones by each other.
+
+    `truth` and `made` hold `kinematic.style_statistics` of each clip.
+
+    Raises:
+        ValueError: clips without a style, a style of which fewer than two clips are recorded, fewer than two styles.
+    """
+    if not len(made) or len(made) != len(made_styles):
+        raise ValueError(f"got {len(made)} made clips and {len(made_styles)} styles; give some, one style each.")
+    own = own_accuracy(truth, truth_styles)
+    if missing := sorted(set(made_styles) - set(truth_styles)):
+        raise ValueError(f"no recorded clip shows the style '{missing[0]}'; give two or more that do.")
+    centroids = fit(np.asarray(truth, np.float64), list(truth_styles))
+    recognised = tuple(nearest(centroids, row) for row in np.asarray(made, np.float64))
+    right = tuple(found == style for found, style in zip(recognised, made_styles, strict=True))
+    most = max(list(made_styles).count(style) for style in made_styles)
+    return Recognition(float(np.mean(right)), own, most / len(made), recognised, right)
+
+
+def own_accuracy(statistics: Float[np.ndarray, "N S"], styles: Sequence[str]) -> float:
+    """Share of clips that are recognised by centroids made without them.
+
+    Raises:
+        ValueError: rows and styles that do not fit, statistics that are no numbers, a style of which there are fewer
+            than two clips, or fewer than two styles.
+    """
+    statistics = np.asarray(statistics, np.float64)
+    if len(statistics) != len(styles) or not np.isfinite(statistics).all():
+        raise ValueError(
+            f"got statistics of {len(statistics)} recorded clips and {len(styles)} styles; give one row of numbers "
+            "for each style."
+        )
+    if single := sorted({style for style in styles if list(styles).count(style) < 2}):
+        raise ValueError(f"only one recorded clip shows the style '{single[0]}'; give two or more of each style.")
+    hits = []
+    for k, style in enumerate(styles):
+        others = [other for at, other in enumerate(styles) if at != k]
+        hits.append(nearest(fit(np.delete(statistics, k, axis=0), others), statistics[k]) == style)
+    return float(np.mean(hits))

@@ -1,0 +1,110 @@
+"""Frechet distance between made and recorded gestures: of learned features (FGD), of postures, of velocities.
+
+Published figures of other nets, windows and skeletons are not comparable with these, nor with each other. Read the
+distance beside that of two halves of the truth (`between_halves`), which no motion can be expected to fall below.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from . import movement
+from .feature_net import FeatureNet, embed
+from .movement import Movement
+
+SAMPLES_PER_DIMENSION = 2  # fewer do not say what a covariance is
+RATE_HZ = 10.0  # at which postures are taken: neighbouring frames say the same
+
+Samples = Float[np.ndarray, "N D"]
+
+
+def distance(made: Samples, truth: Samples) -> float:
+    """|m_a - m_b|^2 + tr(A + B - 2 (A B)^(1/2)) of the Gaussians through two sets of samples (Heusel et al. 2017).
+
+    In the samples' unit squared. The trace of the square root is the sum of the singular values of R_a R_b^T, where
+    A = R_a^T R_a: no product of covariances is formed and no root of a matrix taken, so that singular covariances give
+    neither NaN nor a complex or negative distance. Covariances are divided by N, so giving every sample twice changes
+    nothing; with numpy's N - 1 figures are larger by about 1 / N of the traces.
+
+    Raises:
+        ValueError: other dimensions, samples that are no numbers, fewer than two for every dimension.
+    """
+    made, truth = np.asarray(made, np.float64), np.asarray(truth, np.float64)
+    if made.ndim != 2 or truth.ndim != 2 or made.shape[1] != truth.shape[1]:
+        raise ValueError(f"samples of shapes {made.shape} and {truth.shape} do not fit; give [N, D] and [M, D].")
+    for name, samples in (("made", made), ("true", truth)):
+        needed = SAMPLES_PER_DIMENSION * samples.shape[1]
+        if len(samples) < needed:
+            raise ValueError(
+                f"{len(samples)} {name} samples are too few for a Frechet distance of {samples.shape[1]} dimensions; "
+                f"give {needed} or more, that is more or longer clips."
+            )
+        if not np.isfinite(samples).all():
+            raise ValueError(f"the {name} samples hold NaN or infinite values; leave out the clip that they come from.")
+    (mean_a, root_a), (mean_b, root_b) = _gaussian(made), _gaussian(truth)
+    shared = np.linalg.svd(root_a @ root_b.T, compute_uv=False).sum()
+    spread = np.square(root_a).sum() + np.square(root_b).sum() - 2.0 * shared
+    return float(np.square(mean_a - mean_b).sum() + max(spread, 0.0))
+
+
+def _gaussian(samples: Samples) -> tuple[Float[np.ndarray, " D"], Float[np.ndarray, "R D"]]:
+    """Mean, and R with R^T R the covariance."""
+    mean = samples.mean(axis=0)
+    return mean, np.linalg.qr(samples - mean, mode="r") / np.sqrt(len(samples))
+
+
+def gesture_distance(net: FeatureNet, made: Sequence[Movement], truth: Sequence[Movement]) -> float:
+    """Frechet gesture distance (Yoon et al. 2020) on the features of a frozen net; see `distance` and `feature_net`.
+
+    Raises:
+        ValueError: also where a motion is not of the net's joints or too short for a window.
+    """
+    return distance(*(np.concatenate([embed(net, clip) for clip in clips]) for clips in _groups(made, truth)))
+
+
+def geometric(made: Sequence[Movement], truth: Sequence[Movement]) -> float:
+    """Frechet distance of postures, cm^2: positions of the major joints, taken 10 times a second (FD_g)."""
+    return distance(*(np.concatenate([postures(clip) for clip in clips]) for clips in _groups(made, truth)))
+
+
+def kinetic(made: Sequence[Movement], truth: Sequence[Movement]) -> float:
+    """Frechet distance of velocities, (cm/s)^2: of the major joints, over tenths of a second (FD_k)."""
+    return distance(*(np.concatenate([velocities(clip) for clip in clips]) for clips in _groups(made, truth)))
+
+
+def postures(clip: Movement) -> Samples:
+    """Positions of the major joints in the clip's heading, cm, [frames at 10 Hz, joints * 3]."""
+    clip = movement.sampled(movement.in_heading(movement.checked(clip)), RATE_HZ)
+    return clip.positions[:, movement.major(clip.skeleton)].reshape(len(clip.positions), -1)
+
+
+def velocities(clip: Movement) -> Samples:
+    """Their changes over a tenth of a second, cm/s."""
+    return np.diff(postures(clip), axis=0) * RATE_HZ
+
+
+def between_halves(clips: Sequence[Samples], seed: int, draws: int = 20) -> float:
+    """Mean distance between two random halves of the samples of each clip: what the truth has from itself.
+
+    Halves are smaller than the whole, so this is an upper bound of what sampling alone makes.
+
+    Raises:
+        ValueError: fewer than two clips, or too few samples in a half.
+    """
+    if len(clips) < 2:
+        raise ValueError(f"halves need two clips or more, got {len(clips)}.")
+    draw = np.random.default_rng(seed)
+    found = []
+    for _ in range(draws):
+        order = draw.permutation(len(clips))
+        halves = (order[: len(clips) // 2], order[len(clips) // 2 :])
+        found.append(distance(*(np.concatenate([clips[k] for k in half]) for half in halves)))
+    return float(np.mean(found))
+
+
+def _groups(made: Sequence[Movement], truth: Sequence[Movement]) -> tuple[list[Movement], list[Movement]]:
+    if not made or not truth:
+        raise ValueError(f"got {len(made)} made and {len(truth)} true motions to compare; give one or more of each.")
+    both = movement.alike([*made, *truth])
+    return both[: len(made)], both[len(made) :]
