@@ -1,6 +1,6 @@
 """Ablations that the paper implies: variational style, facing target, first hidden state, encoder, example length.
 
-    python experiments/04_ablations.py corpus -o runs/ablations [--demo runs/demo] [--only NAME ...] [--seeds 1 2 3]
+    python experiments/04_ablations.py corpus -o runs/ablations [--demo runs/demo] [--only NAME ...] [--seeds 1 2]
 
 The paper argues for each by words: the VAE for a smooth space and variety (Sec. 3.4), the facing target against
 turning away and the initialiser for the first frames (Sec. 3.5), attention against a recurrent encoder, examples of
