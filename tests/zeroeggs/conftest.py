@@ -3,6 +3,7 @@
 import io
 import struct
 import zipfile
+from pathlib import Path
 from typing import NamedTuple
 
 import jax
@@ -10,11 +11,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from zeggs_jax.data.prepare import prepare
 from zeggs_jax.data.scale import Scale, Scales
+from zeggs_jax.motion import bvh
 from zeggs_jax.motion.pose import Pose, Root
+from zeggs_jax.motion.skeleton import Skeleton
+from zeggs_jax.speech import wav
 from zeggs_jax.zeroeggs import model as m
 
 JOINTS, FRAMES = 5, 7
+NAMES = ("calm/a", "calm/b", "wild/c", "wild/d")
 decode = jax.jit(m.decode, static_argnames="config")
 
 
@@ -72,6 +78,24 @@ def small() -> Small:
 def build():
     """`make_small`, for tests that vary it."""
     return make_small
+
+
+@pytest.fixture(scope="session")
+def corpus(tmp_path_factory) -> Path:
+    """Two styles of three joints, prepared; one clip is for validation."""
+    folder = tmp_path_factory.mktemp("corpus")
+    skeleton = Skeleton(("Hips", "Spine", "Head"), (-1, 0, 1), np.array([[0, 90, 0], [0, 30, 0], [0, 40, 0]], float))
+    for seed, name in enumerate(NAMES):
+        random, time = np.random.default_rng(seed), np.arange(30)[:, None, None] / 30
+        euler = 0.3 * np.sin(random.uniform(1, 6, (1, 3, 3)) * time + random.uniform(0, 6, (1, 3, 3)))
+        positions = np.repeat(skeleton.offsets[None], len(time), axis=0)
+        (folder / name).parent.mkdir(exist_ok=True)
+        bvh.write(folder / f"{name}.bvh", bvh.Clip(skeleton, ("zyx",) * 3, euler, positions, 0.033333))
+        wav.write(folder / f"{name}.wav", 0.1 * random.normal(size=16000), 16000)
+    rows = [f"{name},{name.split('/')[0]},{'valid' if name == NAMES[-1] else 'train'}" for name in NAMES]
+    (folder / "corpus.csv").write_text("\n".join(["name,style,split", *rows]) + "\n")
+    prepare(folder, folder / "arrays")
+    return folder / "arrays"
 
 
 class Global(NamedTuple):

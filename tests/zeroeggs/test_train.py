@@ -12,12 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from zeggs_jax.data.prepare import prepare
 from zeggs_jax.data.prepared import load
 from zeggs_jax.data.windows import Batch, WindowConfig, batch
-from zeggs_jax.motion import bvh
-from zeggs_jax.motion.skeleton import Skeleton
-from zeggs_jax.speech import wav
 from zeggs_jax.training import checkpoint, keep
 from zeggs_jax.training.record import TIMING, read_log
 from zeggs_jax.zeroeggs import model as m
@@ -36,24 +32,10 @@ TINY = t.TrainConfig(
     learning_rate=1e-2,
     log_every=1,
     checkpoint_every=3,
+    validate_every=0,
+    sample_every=0,
 )
 BY_LABEL = replace(TINY.model, style=m.StyleEncoderConfig(kind="label"), labels=("calm", "wild"))
-
-
-@pytest.fixture(scope="session")
-def corpus(tmp_path_factory) -> Path:
-    """Two styles of three joints, prepared."""
-    folder = tmp_path_factory.mktemp("corpus")
-    skeleton = Skeleton(("Hips", "Spine", "Head"), (-1, 0, 1), np.array([[0, 90, 0], [0, 30, 0], [0, 40, 0]], float))
-    for seed, name in enumerate(("calm/a", "calm/b", "wild/c")):
-        random, time = np.random.default_rng(seed), np.arange(30)[:, None, None] / 30
-        euler = 0.3 * np.sin(random.uniform(1, 6, (1, 3, 3)) * time + random.uniform(0, 6, (1, 3, 3)))
-        positions = np.repeat(skeleton.offsets[None], len(time), axis=0)
-        (folder / name).parent.mkdir(exist_ok=True)
-        bvh.write(folder / f"{name}.bvh", bvh.Clip(skeleton, ("zyx",) * 3, euler, positions, 0.033333))
-        wav.write(folder / f"{name}.wav", 0.1 * random.normal(size=16000), 16000)
-    prepare(folder, folder / "arrays")
-    return folder / "arrays"
 
 
 @pytest.fixture(scope="session")
