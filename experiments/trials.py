@@ -1,8 +1,8 @@
 """A trial: one training at a small size with one thing changed, measured once; shared by 04 and 05.
 
-The size is for two CPU cores: a decoder of 128 units, windows of 2 s at 30 frames a second, batches of 16, 600
-updates, some minutes a run. Differences at this size say which way a choice points, no more; that is why every trial runs with
-several seeds.
+The size is for two CPU cores: a decoder of 128 units, windows of 2 s at 30 frames a second, neither mirrored nor paced,
+batches of 16, 600 updates, some minutes a run. Differences at this size say which way a choice points, no more; that is
+why every trial runs with more than one seed.
 """
 
 from collections.abc import Callable, Mapping
