@@ -161,26 +161,58 @@ def prepare(
     out: Out,
     as_released: bool = False,
     rate: float | None = None,
+    scale: float | None = None,
+    up: str | None = None,
+    facing: str | None = None,
+    skeleton: Path | None = None,
+    min_frames: int = 8,
+    skip_bad: bool = False,
+    log_mel: bool = False,
     speech_columns: bool = False,
+    save_trimmed: bool = False,
+    processes: int | None = None,
 ) -> None:
-    """Turn a folder of BVH and WAV pairs into the arrays that training reads.
+    """Turn a folder of BVH and WAV pairs into the arrays that training reads; stopped, it goes on where it was.
 
     Args:
         corpus: A folder of name.bvh + name.wav, or the ZEGGS download.
         out: The folder to write to.
         as_released: Reproduce the release's data pipeline, its errors included.
         rate: Resample the motion to this many frames per second.
+        scale: Centimetres per unit of the BVH files; found from the body's size when left out.
+        up: The axis of the files that points up (x, y, z, -x, -y, -z); found when left out.
+        facing: The axis of the hips that points ahead; found when left out.
+        skeleton: A TOML file with scale, up, facing and, under [roles], the names of hips, spine, head...
+        min_frames: Shorter clips cannot be used.
+        skip_bad: Leave out clips that cannot be used instead of stopping; OUT/report.json lists them.
+        log_mel: Speech features that are true log-mels, each with a standard deviation of its own.
         speech_columns: Give every speech feature a standard deviation of its own (the release has one for all).
+        save_trimmed: Also write the clips as they are used, as BVH and WAV, into OUT/trimmed.
+        processes: How many clips are made at a time; as many as there are cores when left out.
     """
+    from .data import body
+    from .data import corpus as corpora
     from .data import prepare as data
-    from .data.corpus import find
 
-    find(corpus)
+    corpora.survey(corpus)
     _prepare_folder(out)
-    settings = data.PrepareConfig(as_released=as_released, rate_hz=rate, speech_columns=speech_columns)
-    made = data.prepare(corpus, out, settings)
+    given = {"scale": scale, "up": up, "facing": facing}
+    read = body.read_body(skeleton) if skeleton else body.BodyConfig()
+    settings = data.PrepareConfig(
+        as_released=as_released,
+        rate_hz=rate,
+        speech_columns=speech_columns,
+        save_trimmed=save_trimmed,
+        skip_bad=skip_bad,
+        min_frames=min_frames,
+        body=replace(read, **{name: value for name, value in given.items() if value is not None}),
+        speech=replace(data.MENDED.speech, log_mel=log_mel),
+    )
+    made = data.prepare(corpus, out, settings, processes)
     minutes = len(made.pose) * made.frame_time / 60.0
-    print(f"wrote {out}: {len(made.names)} clips, {minutes:.1f} minutes, styles {', '.join(made.styles)}")
+    print(
+        f"wrote {out}: {len(made.names)} clips, {minutes:.1f} minutes, {made.pipeline}, styles {', '.join(made.styles)}"
+    )
 
 
 @app.command

@@ -58,8 +58,11 @@ def made(monkeypatch) -> list:
     calls = []
 
     def prepare(corpus, out, config):
+        columns = {"speech_columns": config.speech_columns}
+        manifest = {"config": columns, "source": corpus.name, "made_of": preparation.made_of(corpus, config)}
         calls.append((corpus.name, config.speech_columns))
-        (out / "manifest.json").write_text(json.dumps({"config": {"speech_columns": config.speech_columns}}))
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "manifest.json").write_text(json.dumps(manifest))
 
     monkeypatch.setattr(preparation, "prepare", prepare)
     return calls
@@ -70,7 +73,7 @@ def corpora(tmp_path):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
         for suffix in ("bvh", "wav"):
-            (tmp_path / name / f"a.{suffix}").write_text("x")
+            (tmp_path / name / f"a.{suffix}").write_text(name)
     return tmp_path / "one", tmp_path / "two"
 
 
@@ -78,23 +81,35 @@ def test_a_corpus_is_prepared_once(corpora, made, tmp_path):
     run = tmp_path / "run"
     assert t.prepared(corpora[0], run) == t.prepared(corpora[0], run) == run / "prepared"
     assert made == [("one", False)]
-    source = json.loads((run / "prepared" / "source.json").read_text())
-    assert source["path"] == str(corpora[0].resolve())
-    assert source["files"].keys() == {"a.bvh", "a.wav"}
 
 
 def test_another_corpus_is_not_taken_for_the_first(corpora, made, tmp_path):
     t.prepared(corpora[0], tmp_path / "run")
-    with pytest.raises(ValueError, match=r"run '.*run' was started on corpus '.*one', now '.*two' is given"):
+    with pytest.raises(ValueError, match=r"run '.*run' was started on a corpus 'one', and '.*two' is another one"):
         t.prepared(corpora[1], tmp_path / "run")
     assert t.prepared(tmp_path / "run" / "prepared", tmp_path / "run") == tmp_path / "run" / "prepared"
 
 
-def test_changed_files_are_noticed(corpora, made, tmp_path):
+def test_changed_files_are_noticed_by_what_they_hold(corpora, made, tmp_path):
+    """Not by size or time: a copy with its old date does not pass, the same file with another date does."""
     t.prepared(corpora[0], tmp_path / "run")
-    os.utime(corpora[0] / "a.wav", ns=(1, 1))
-    with pytest.raises(ValueError, match="or its files changed"):
+    wav = corpora[0] / "a.wav"
+    before = wav.stat()
+    os.utime(wav, ns=(1, 1))
+    t.prepared(corpora[0], tmp_path / "run")
+    wav.write_text("eno")
+    os.utime(wav, ns=(before.st_atime_ns, before.st_mtime_ns))
+    with pytest.raises(ValueError, match="or has changed since") as caught:
         t.prepared(corpora[0], tmp_path / "run")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_moved_corpus_is_the_same(corpora, made, tmp_path):
+    t.prepared(corpora[0], tmp_path / "run")
+    (tmp_path / "elsewhere").mkdir()
+    moved = corpora[0].rename(tmp_path / "elsewhere" / "one")
+    assert t.prepared(moved, tmp_path / "run") == tmp_path / "run" / "prepared"
+    assert len(made) == 1
 
 
 def test_a_half_written_folder_is_prepared_again(corpora, made, tmp_path):

@@ -5,14 +5,14 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from zeggs_jax.data import shard
 from zeggs_jax.data.entry import Entry, Problem
-from zeggs_jax.data.settings import PrepareConfig
+from zeggs_jax.data.settings import MENDED, PrepareConfig
 from zeggs_jax.data.shard import Body, MadeTake, Rows, Shard
 from zeggs_jax.data.statistics import moments
 from zeggs_jax.data.takes import Take, naming, takes
@@ -39,7 +39,7 @@ class Job(NamedTuple):
 def jobs_of(entries: list[Entry], config: PrepareConfig, out: Path, folder: Path) -> list[Job]:
     """The jobs of a corpus; a shard in `folder` is named by the hash of its clip's files and all settings."""
     digests = _digests(path for entry in entries for path in _files(entry))
-    settings = {name: value for name, value in asdict(config).items() if name not in NOT_IN_SHARDS}
+    settings = {name: value for name, value in chosen(config).items() if name not in NOT_IN_SHARDS}
     jobs = []
     for entry in entries:
         trimmed = out / "trimmed" / entry.split if config.save_trimmed else None
@@ -47,6 +47,12 @@ def jobs_of(entries: list[Entry], config: PrepareConfig, out: Path, folder: Path
         key = shard.key({**made_of, "files": [digests[path] for path in _files(entry)], **settings})
         jobs.append(Job(entry, config, trimmed, folder / f"{key}.npz"))
     return jobs
+
+
+def chosen(config: PrepareConfig) -> dict[str, Any]:
+    """The settings that are not the default's, so that a new one changes no old hash."""
+    usual = asdict(MENDED)
+    return {name: value for name, value in asdict(config).items() if value != usual[name]}
 
 
 def _files(entry: Entry) -> list[Path]:

@@ -23,7 +23,7 @@ from zeggs_jax.data import corpus, report, scale, shard, workers
 from zeggs_jax.data.arrays import ArrayFile, Rows
 from zeggs_jax.data.body import BodyConfig
 from zeggs_jax.data.entry import Problem
-from zeggs_jax.data.job import Job, jobs_of, make
+from zeggs_jax.data.job import Job, chosen, jobs_of, make
 from zeggs_jax.data.job import save_trimmed as save_trimmed
 from zeggs_jax.data.prepared import ARRAYS, FORMAT, MANIFEST, SCALES, Prepared, load, skeleton_to_json
 from zeggs_jax.data.settings import MENDED, PrepareConfig
@@ -51,14 +51,16 @@ def prepare(
     skeleton or frame rate than the first good one: OUT/report.json lists them all. OSError for a full disk,
     ChildProcessError when a worker dies, KeyboardInterrupt after Ctrl-C, each with a sentence.
     """
-    out = Path(out)
+    folder, out = Path(folder), Path(out)
+    if config.save_trimmed and out.resolve().is_relative_to(folder.resolve()):
+        raise ValueError(f"'{out}' lies in the corpus, where trimmed clips would be taken for its own; name another.")
     plan = _plan(folder, out, config)
     if _finished(out) != plan.made_of:
         (out / CLIPS).mkdir(parents=True, exist_ok=True)
         (out / MANIFEST).unlink(missing_ok=True)
         with _in_one_sentence(out, plan.jobs):
             good, shared = _make_all(plan, out, processes)
-            manifest = {"format": FORMAT, "source": Path(folder).name, "made_of": plan.made_of}
+            manifest = {"format": FORMAT, "source": folder.resolve().name, "made_of": plan.made_of}
             manifest |= {"config": asdict(config), "body": asdict(plan.body), **_join(good, shared, out)}
             partial = out / f"{MANIFEST}.partial"
             partial.write_text(json.dumps(manifest, indent=1) + "\n")
@@ -88,7 +90,7 @@ def _plan(folder: str | Path, out: Path, config: PrepareConfig) -> _Plan:
     jobs = jobs_of(entries, replace(config, body=alike), out, out / CLIPS)
     clips = [[job.entry.name, job.entry.style, job.entry.split, job.path.stem] for job in jobs]
     lost = [problem.name for problem in problems]
-    return _Plan(jobs, problems, body, shard.key({"clips": clips, "lost": lost, "config": asdict(config)}))
+    return _Plan(jobs, problems, body, shard.key({"clips": clips, "lost": lost, "config": chosen(config)}))
 
 
 def _finished(out: Path) -> str | None:

@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ..data import corpus as corpora
 from ..data import prepare as preparation
+from ..data.prepared import MANIFEST
 from ..training import checkpoint, devices
 from .config import to_dict
 from .settings import TrainConfig
@@ -20,49 +20,36 @@ FREE = {
 def prepared(corpus: str | Path, out: str | Path, speech_columns: bool = False) -> Path:
     """The folder of arrays to train on: `corpus` if it is prepared, else OUT/prepared, made if need be.
 
-    OUT/prepared/source.json keeps what it was made from. ValueError when that is another corpus, files that have
-    changed since, or arrays made with the other `speech_columns`; and all errors of data/prepare.py.
+    ValueError when that was made of another corpus or of files that have changed since, as their hashes tell, or
+    with the other `speech_columns`; and all errors of data/prepare.py.
     """
     corpus, folder = Path(corpus), Path(out) / "prepared"
-    manifest, note = folder / "manifest.json", folder / "source.json"
-    if (corpus / "manifest.json").exists():
+    if (corpus / MANIFEST).exists():
         return corpus
-    source = _source(corpus)
-    if not manifest.exists():
-        write_json(note, source)  # before the manifest: arrays without a source are never taken for finished
-        preparation.prepare(corpus, folder, preparation.PrepareConfig(speech_columns=speech_columns))
-    elif note.exists():
-        before = json.loads(note.read_text(encoding="utf-8"))
-        if before != source:
-            raise ValueError(
-                f"run '{out}' was started on corpus '{before['path']}', now '{source['path']}' is given (or its files "
-                "changed); name the first one or another -o."
-            )
-        made = json.loads(manifest.read_text(encoding="utf-8"))["config"]["speech_columns"]
-        if made != speech_columns:
-            raise ValueError(
-                f"run '{out}' prepared its corpus with speech_columns = {made}, now it is {speech_columns}: resume "
-                "with the same settings, or choose another folder."
-            )
+    config = preparation.PrepareConfig(speech_columns=speech_columns)
+    if not (folder / MANIFEST).exists():
+        preparation.prepare(corpus, folder, config)
+        return folder
+    manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    made = manifest["config"]["speech_columns"]
+    if made != speech_columns:
+        raise ValueError(
+            f"run '{out}' prepared its corpus with speech_columns = {made}, now it is {speech_columns}: resume "
+            "with the same settings, or choose another folder."
+        )
+    if manifest.get("made_of") != preparation.made_of(corpus, config):
+        raise ValueError(
+            f"run '{out}' was started on a corpus '{manifest['source']}', and '{corpus}' is another one or has changed "
+            f"since: name the first one as it was, '{folder}' to go on with its arrays, or another -o."
+        )
     return folder
 
 
 def prepared_once(corpus: str | Path, out: str | Path, speech_columns: bool = False) -> Path:
     """`prepared`, by the first process of a run while the others wait for it."""
-    devices.first_does(lambda: prepared(corpus, out, speech_columns))
-    return prepared(corpus, out, speech_columns)
-
-
-def _source(corpus: Path) -> dict[str, Any]:
-    """Where a corpus lies, and size (bytes) and time of change (ns) of each of its files."""
-    files = {corpus / "info.csv", corpus / "corpus.csv"}
-    for entry in corpora.find(corpus):
-        files |= {entry.bvh, entry.wav, entry.wav.with_suffix(".csv")}
-    stats = {path.relative_to(corpus).as_posix(): path.stat() for path in sorted(files) if path.exists()}
-    return {
-        "path": str(corpus.resolve()),
-        "files": {name: [stat.st_size, stat.st_mtime_ns] for name, stat in stats.items()},
-    }
+    made: list[Path] = []
+    devices.first_does(lambda: made.append(prepared(corpus, out, speech_columns)))
+    return made[0] if made else prepared(corpus, out, speech_columns)
 
 
 def check_same(checkpoint_path: Path, given: dict[str, Any], out: Path) -> None:
