@@ -358,4 +358,6 @@ def main() -> None:
         if os.environ.get("ZEGGS_DEBUG"):
             raise
         print(f"zeggs: {' '.join(str(error).split())}", file=sys.stderr)
+        if train := sys.modules.get(f"{__package__}.zeroeggs.train"):
+            train.devices.leave(2)  # one process of several must not wait for the others, which wait for it
         sys.exit(2)
