@@ -19,6 +19,7 @@ from zeggs_jax.motion.skeleton import Roles, Skeleton
 
 UNITS_CM = {"cm": 1.0, "m": 100.0, "mm": 0.1, "inches": 2.54, "feet": 30.48, "CMU units": 2.54 / 0.45}
 HUMAN_CM = (110.0, 230.0)  # no two units let the same body be this tall
+MOVES_CM = 0.01  # hips that move less in their parent's frame are fixed to it
 TALLER = 1.15  # a standing body against its chain of bones from ankle to hips to head joint
 
 
@@ -31,6 +32,7 @@ class BodyConfig:
     facing: Axis = "auto"  # the axis of the hips' own frame that points ahead
     axes: tuple[str, ...] | None = None  # joint by joint its own axes that point up and ahead; () is "y z" for all
     roles: Roles | None = None  # joints by name; those left out are inferred
+    lead: bool | None = None  # joints above the hips go with them; None: where the hips move below a still joint
 
     def __post_init__(self) -> None:
         if self.scale is not None and not 0 < self.scale < np.inf:
@@ -44,13 +46,14 @@ class BodyConfig:
                 raise ValueError(f"A joint's axes are {pair!r}; give those that point up and ahead, as 'y z'.")
 
 
-AS_IS = BodyConfig(scale=1.0, up="y", facing="z", axes=())  # files that are so already, as the release's
+AS_IS = BodyConfig(scale=1.0, up="y", facing="z", axes=(), lead=False)  # files that are so already, as the release's
 
 
 def normalise(clip: Clip, config: BodyConfig, name: str) -> Clip:
     """The clip in cm, y up, hips and head facing +z, with roles; `name` is the file in errors.
 
-    World positions are those of the file, scaled and turned by quarter turns. ValueError where a joint for
+    World positions are those of the file, scaled and turned by quarter turns; but joints above the hips go with
+    them where config.lead. ValueError where a joint for
     hips, spine or head is not known, or size, up or facing are not clear and not given.
     """
     config = resolve(clip, config, name)
@@ -62,9 +65,9 @@ def normalise(clip: Clip, config: BodyConfig, name: str) -> Clip:
         clip = clip._replace(skeleton=skeleton)
     frames = to_frames(config.axes, len(skeleton))
     world = to_world(frames[skeleton.role("hips")], config.up)
-    if config.scale == 1.0 and all((frame == np.eye(3)).all() for frame in (world, *frames)):
-        return clip
-    return edit.reframe(clip, world, frames, config.scale)
+    if config.scale != 1.0 or any((frame != np.eye(3)).any() for frame in (world, *frames)):
+        clip = edit.reframe(clip, world, frames, config.scale)
+    return edit.lead(clip, skeleton.role("hips")) if config.lead else clip
 
 
 def resolve(clip: Clip, config: BodyConfig, name: str) -> BodyConfig:
@@ -85,7 +88,23 @@ def resolve(clip: Clip, config: BodyConfig, name: str) -> BodyConfig:
     facing: Any = axes[skeleton.role("hips")].split()[1] if axes else "z"
     if config.facing not in ("auto", facing):
         raise ValueError(f"'{name}': the hips are said to face {config.facing} and by their axes face {facing}.")
-    return BodyConfig(scale, up, facing, axes, roles)
+    hips, lead = clip.positions[:, skeleton.role("hips")], config.lead
+    if lead is None:
+        lead = skeleton.role("hips") > 0 and bool(np.ptp(hips, axis=0).max() * scale > MOVES_CM)
+    return BodyConfig(scale, up, facing, axes, roles, lead)
+
+
+def normalise_like(clip: Clip, config: BodyConfig, like: Skeleton, name: str) -> Clip:
+    """`normalise`, but a clip whose bones are those of `like`, a normalised body, before it is left as it is.
+
+    So that what a model makes can be its style example.
+    """
+
+    def apart(skeleton: Skeleton) -> float:
+        return float(np.linalg.norm(skeleton.offsets[1:] - like.offsets[1:], axis=-1).sum())
+
+    made = normalise(clip, config, name)
+    return clip if apart(clip.skeleton) < apart(made.skeleton) else made
 
 
 def describe(config: BodyConfig) -> str:
@@ -93,7 +112,8 @@ def describe(config: BodyConfig) -> str:
     unit = next((unit for unit, cm in UNITS_CM.items() if config.scale == cm), f"{config.scale} cm a unit")
     roles = ", ".join(f"{role} {joint}" for role, joint in asdict(config.roles or Roles()).items() if joint)
     turned = "" if not config.axes else ", joints turned to y up and z ahead"
-    return f"{unit}, {config.up} up, facing {config.facing}{turned}; {roles}"
+    led = ", joints above the hips moved to them" if config.lead else ""
+    return f"{unit}, {config.up} up, facing {config.facing}{turned}{led}; {roles}"
 
 
 def read_body(path: str | Path) -> BodyConfig:

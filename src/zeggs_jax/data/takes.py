@@ -90,7 +90,8 @@ def body_of(entries: Iterable[Entry], body: BodyConfig, as_released: bool = Fals
 def as_given(body: BodyConfig) -> BodyConfig:
     """What `body` says, and where it says nothing the files as they are, as the release takes them."""
     given = {name: value for name, value in vars(body).items() if value not in (None, "auto")}
-    return body if body.facing != "auto" else replace(bodies.AS_IS, **given)
+    axes = None if body.facing != "auto" else ()
+    return replace(bodies.AS_IS, **{"axes": axes, **given})
 
 
 @contextmanager

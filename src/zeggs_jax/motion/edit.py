@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from zeggs_jax.geometry import quaternion
 from zeggs_jax.motion.bvh import Clip, rate_hz
-from zeggs_jax.motion.features import in_float64, local_quaternions, with_quaternions
+from zeggs_jax.motion.features import in_float64, local_quaternions, with_quaternions, world_frames
 from zeggs_jax.motion.skeleton import Skeleton
 
 _slerp = jax.jit(quaternion.slerp)
@@ -127,6 +127,28 @@ def reframe(
     offsets = scale * np.einsum("jab,jb->ja", above, clip.skeleton.offsets)
     skeleton = Skeleton(clip.skeleton.names, clip.skeleton.parents, offsets, clip.skeleton.roles)
     return with_quaternions(clip._replace(skeleton=skeleton), rotations, scale * positions)
+
+
+def lead(clip: Clip, joint: int) -> Clip:
+    """The same motion with the joints above `joint` moved to it in every frame, so that joint 0 goes with it.
+
+    For files that leave joint 0 at the origin and move the hips below it: only the translation of joint 0 is kept
+    in a BVH. All joints but those above `joint` stay where they are in world.
+    """
+    skeleton = clip.skeleton
+    path = skeleton.path(joint)
+    places, axes = world_frames(clip)
+    positions, offsets = clip.positions.copy(), skeleton.offsets.copy()
+    rest = np.cumsum(offsets[path], axis=0)
+    for child, parent in enumerate(skeleton.parents):
+        if parent in path[:-1] and child not in path:
+            arm = places[:, child] - places[:, joint]
+            positions[:, child] = np.einsum("tba,tb->ta", axes[:, parent], arm)
+            offsets[child] += rest[path.index(parent)] - rest[-1]
+    positions[:, path], offsets[path] = 0.0, 0.0
+    positions[:, 0], offsets[0] = places[:, joint], rest[-1]
+    skeleton = Skeleton(skeleton.names, skeleton.parents, offsets, skeleton.roles)
+    return clip._replace(skeleton=skeleton, positions=positions)
 
 
 def _reframed(

@@ -3,11 +3,14 @@
 No joint is known by number anywhere else: features, mirrors and pictures ask the skeleton for `role("head")`.
 """
 
-import re
 from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Float
+
+from zeggs_jax.motion.names import EXAMPLES, Roles, infer_roles, side_and_part
+
+__all__ = ["REFERENCE_NAMES", "REFERENCE_PARENTS", "Roles", "Skeleton", "infer_roles", "levels"]
 
 _DIGITS = ("Thumb", "Index", "Middle", "Ring", "Pinky")
 _FINGERS = tuple(f"Hand{digit}{n}" for digit in _DIGITS for n in (1, 2, 3, 4))
@@ -33,84 +36,9 @@ REFERENCE_PARENTS: tuple[int, ...] = (
 """The parent of each of them, -1 for the hips; parents come before children."""
 
 
-@dataclass(frozen=True)
-class Roles:
-    """Names of the joints that the features need by meaning; None where a skeleton has no such joint."""
-
-    hips: str | None = None
-    spine: str | None = None  # where the root's ground position is taken: the release's Spine2
-    head: str | None = None
-    left_hand: str | None = None
-    right_hand: str | None = None
-    left_foot: str | None = None
-    right_foot: str | None = None
-
-
-# Names to look for, best first, as `_words` writes them.
-_CANDIDATES: dict[str, tuple[str, ...]] = {
-    "hips": ("hips", "hip", "pelvis", "root", "bip pelvis"),
-    "spine": ("spine 2", "chest 2", "upper chest", "chest", "spine 1", "spine", "torso", "abdomen"),
-    "head": ("head", "head 1", "skull"),
-    "hand": ("hand", "wrist", "palm"),
-    "foot": ("foot", "ankle"),
-}
-
-# Names to suggest where nobody plays a role.
-_EXAMPLES: dict[str, str] = {
-    "hips": "Hips or Pelvis",
-    "spine": "Spine2 or Chest",
-    "head": "Head",
-    "left_hand": "LeftHand or LeftWrist",
-    "right_hand": "RightHand or RightWrist",
-    "left_foot": "LeftFoot or LeftAnkle",
-    "right_foot": "RightFoot or RightAnkle",
-}
-
-
 def _few(names: tuple[str, ...]) -> str:
     """The first eight names, and how many there are where there are more."""
     return ", ".join(names[:8]) + (f", ... ({len(names)} in all)" if len(names) > 8 else "")
-
-
-def _words(name: str) -> tuple[str, str]:
-    """Side ("left", "right", "") and the other words: "mixamorig:LeftHand" -> ("left", "hand")."""
-    words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name.rsplit(":", 1)[-1])
-    words = [word.lower() for word in words]
-    if words and (glued := re.fullmatch(r"(left|right|[lr](?=hand$|foot$))(.+)", words[0])):
-        words[:1] = glued.groups()
-    side = ""
-    for spelling, meaning in (("left", "left"), ("right", "right"), ("l", "left"), ("r", "right")):
-        if not side and spelling in words:
-            side = meaning
-            words.remove(spelling)
-    words = [str(int(word)) if word.isdigit() else word for word in words]
-    return side, " ".join(words)
-
-
-def infer_roles(names: tuple[str, ...]) -> Roles:
-    """Roles by the usual names (ZEGGS, CMU, Mixamo, Bandai-Namco, Unreal, GENEA); unknown ones stay None."""
-    known: dict[tuple[str, str], str] = {}
-    for name in names:
-        side, words = _words(name)
-        known.setdefault((side, words.removeprefix("b ").removeprefix("joint ")), name)
-
-    def find(part: str, side: str = "") -> str | None:
-        return next((known[side, words] for words in _CANDIDATES[part] if (side, words) in known), None)
-
-    return Roles(
-        hips=find("hips"),
-        spine=_spine(known) or find("spine"),
-        head=find("head"),
-        left_hand=find("hand", "left"),
-        right_hand=find("hand", "right"),
-        left_foot=find("foot", "left"),
-        right_foot=find("foot", "right"),
-    )
-
-
-def _spine(known: dict[tuple[str, str], str]) -> str | None:
-    """Unreal counts its spine from 1, so its third joint is spine_03; everyone else's is Spine2."""
-    return known.get(("", "spine 3")) if ("", "spine") not in known and ("", "spine 0") not in known else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +84,7 @@ class Skeleton:
         if name is None:
             raise ValueError(
                 f"No joint of this skeleton looks like the {role.replace('_', ' ')}; "
-                f"a name such as {_EXAMPLES[role]} is understood, its joints are {_few(self.names)}."
+                f"a name such as {EXAMPLES[role]} is understood, its joints are {_few(self.names)}."
             )
         return self.index(name)
 
@@ -173,7 +101,7 @@ class Skeleton:
 
     def pairs(self) -> list[tuple[int, int]]:
         """Numbers of the joints that are named alike on both sides, (left, right)."""
-        named = {_words(name): joint for joint, name in enumerate(self.names)}
+        named = {side_and_part(name): joint for joint, name in enumerate(self.names)}
         return [
             (joint, named["right", words])
             for (side, words), joint in named.items()
@@ -187,7 +115,7 @@ class Skeleton:
         return [
             joint
             for joint, (name, parent) in enumerate(zip(self.names, self.parents, strict=True))
-            if _words(name)[0] and joint not in paired and parent in paired
+            if side_and_part(name)[0] and joint not in paired and parent in paired
             if joint not in self.parents and name not in playing
         ]
 
@@ -201,7 +129,7 @@ class Skeleton:
             counterparts[left], counterparts[right] = right, left
         alone = self.alone()
         for joint, name in enumerate(self.names):
-            side = _words(name)[0]
+            side = side_and_part(name)[0]
             if side and counterparts[joint] == joint and joint not in alone:
                 other = {"left": "right", "right": "left"}[side]
                 raise ValueError(f"Joint '{name}' has no {other} counterpart, so this body has no mirror.")

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..data.body import normalise
+from ..data.body import normalise_like
 from ..motion import bvh, edit, features, pose
 from ..motion.features import Motion
 from .checkpoints import digest
@@ -68,7 +68,7 @@ def read_motion(path: Path, model: Model, frames: Frames | None = None, what: st
         if frames is not None:
             clip = edit.trim(clip, *frames)
         clip = edit.fit(clip, model.skeleton, f"{what} '{path.name}'")
-        clip = normalise(clip, model.config.body, path.name)
+        clip = normalise_like(clip, model.config.body, model.skeleton, path.name)
         rate = bvh.rate_hz(model.config.frame_time)
         if bvh.rate_hz(clip.frame_time) != rate:
             clip = edit.resample(clip, rate)
