@@ -55,7 +55,8 @@ def start(
                     initialization_timeout=timeout_s + GRACE,
                 )
         except (RuntimeError, ValueError) as error:
-            raise OSError(f"cannot join the run's processes ({where}): {_one_line(error)}") from error
+            hint = "; no cluster that JAX knows? give --coordinator HOST:PORT" if coordinator == AUTO else ""
+            raise OSError(f"cannot join the run's processes ({where}): {_one_line(error)}{hint}") from error
 
 
 @contextmanager
