@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from zeggs_jax.data import corpus, windows
+from zeggs_jax.data import corpus
 from zeggs_jax.data.prepare import PrepareConfig, Prepared, prepare, save_trimmed
+from zeggs_jax.data.rows import released_example_rows, window_count
 from zeggs_jax.data.takes import takes
 from zeggs_jax.speech import wav
 
@@ -147,7 +148,7 @@ def _input(folder: Path, out: Path) -> Path | None:
 def _windows(case: dict[str, Any], stored: dict[str, np.ndarray], data: dict[str, np.ndarray]) -> Iterator[Row]:
     """Rows of style examples, frames of windows and labels, by the index that the release's loader uses."""
     spec, ranges, frames = case["windows"], data["ranges_train"], len(data["Y_root_pos"])
-    counts = windows.window_count(ranges, spec["window"], as_released=True)
+    counts = window_count(ranges, spec["window"], as_released=True)
     yield Row(STAGE, "windows/count", abs(int(counts.sum()) - spec["len"]), 0.0)
     worst, wrong = 0.0, 0.0
     for item in spec["items"]:
@@ -157,7 +158,7 @@ def _windows(case: dict[str, Any], stored: dict[str, np.ndarray], data: dict[str
         window = (first, first + spec["window"])
         wrong += (clip, first, window[1] - 1) != (item["range"], item["first_frame"], item["last_frame"])
         wrong += int(stored[f"label_{item['index']}"].argmax() != data["ranges_train_labels"][clip])
-        rows = windows.released_example_rows(window, (start, stop), frames, item["example_window_length"])
+        rows = released_example_rows(window, (start, stop), frames, item["example_window_length"])
         worst = max(worst, max_error(rows, stored[item["key"]]))
     yield Row(STAGE, "windows/frames and labels", wrong, 0.0)
     yield Row(STAGE, "windows/example rows", worst, 0.0)
@@ -168,6 +169,6 @@ def _windows(case: dict[str, Any], stored: dict[str, np.ndarray], data: dict[str
     for sample in case["samples"]:
         if "example_key" in sample:  # longer than the example asked for: nothing comes twice
             start, stop = sample["start_end"]
-            rows = windows.released_example_rows((start, stop + 1), (start, stop), frames, stop + 1 - start)
+            rows = released_example_rows((start, stop + 1), (start, stop), frames, stop + 1 - start)
             error = max_error(np.unique(rows), stored[sample["example_key"]])
             yield Row(STAGE, f"windows/{sample['example_key']}", error, 0.0)

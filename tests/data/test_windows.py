@@ -9,8 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from zeggs_jax.data import windows as windows_of
+from zeggs_jax.data.draws import WindowConfig
 from zeggs_jax.data.prepare import Prepared
-from zeggs_jax.data.windows import WindowConfig, batch, example_rows, released_example_rows, window_count
+from zeggs_jax.data.rows import example_rows, released_example_rows, window_count
+from zeggs_jax.data.windows import batch
 from zeggs_jax.motion.pose import to_vector
 
 AUGMENTED = WindowConfig(batch=16, window=24, example=(24, 48))
@@ -91,7 +93,7 @@ def test_a_share_that_is_none_is_refused(prepared: Prepared, share):
 def test_a_share_reads_its_own_rows_only(prepared: Prepared, monkeypatch):
     made = []
     piece = windows_of._piece
-    monkeypatch.setattr(windows_of, "_piece", lambda p, plan, b, config: made.append(b) or piece(p, plan, b, config))
+    monkeypatch.setattr(windows_of, "_piece", lambda p, drawn, b, config: made.append(b) or piece(p, drawn, b, config))
     batch(prepared, 0, 0, AUGMENTED, share=(1, 4))
     assert sorted(made) == [4, 5, 6, 7]
 

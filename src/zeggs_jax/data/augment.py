@@ -10,14 +10,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
-from jaxtyping import Array, Float, Float32, Int, Int32
+from jaxtyping import Array, Float, Float32, Int
 
 from zeggs_jax.motion import pose as poses
 from zeggs_jax.motion.pose import Root, from_vector, to_vector
 from zeggs_jax.motion.skeleton import Skeleton
 
-PACE_LIMIT = 0.5  # paces go from 1 - this to 1 + this
 Values = np.ndarray | Array
 
 
@@ -38,72 +36,75 @@ class Mirror(NamedTuple):
     shift: Float32[np.ndarray, " D"]  # cm in the columns of joint positions; 0 where both sides are alike
 
 
-def played_ranges(ranges: Int32[np.ndarray, "C 2"], pace: float) -> Int32[np.ndarray, "C 2"]:
-    """First and last row + 1 of every clip as if it were played at `pace` from its first row on."""
-    frames = np.floor((ranges[:, 1] - ranges[:, 0] - 1) / pace + 1e-9).astype(np.int32) + 1
-    return np.stack([ranges[:, 0], ranges[:, 0] + frames], axis=1)
+def play(clip: Piece, at: Float[np.ndarray, " F"], pace: float, frame_time: float, most: int) -> Piece:
+    """What a whole clip shows at the times `at[1:]` (in frames, `pace` apart); `at[0]` is the time before them.
 
-
-def paced(clip: Piece, at: np.ndarray, pace: float, frame_time: float, most: int) -> Piece:
-    """`play` on the rows of a whole clip, reading only those it needs; compiled once for up to `most` frames."""
+    Features, positions and roots lie on lines between the frames, rotations turn the shorter way. Velocities
+    are those of the played motion: of the root by differences, of joints the mean over the time between two
+    played frames, times the pace (for positions that is the difference). Before its first frame the clip moves
+    as in the first. Compiled once for up to `most` frames.
+    """
     at = np.maximum(at, 0.0)
-    low, high = int(at[0]), min(int(at[-1]) + 2, len(clip.pose))
-    rows = int(most * (1 + PACE_LIMIT)) + 4
-    source = Piece(*(np.empty((rows, x.shape[1]), np.float32) for x in clip))
-    for empty, x in zip(source, clip, strict=True):
-        empty[: high - low] = x[low:high]
-        empty[high - low :] = x[high - 1]
-    local = np.pad(at - low, (0, most + 1 - len(at)), mode="edge").astype(np.float32)
+    left = at.astype(np.int64)
+    right, weight = np.minimum(left + 1, len(clip.pose) - 1), (at - left).astype(np.float32)
+    near, far = (Piece(*(x[rows[1:]] for x in clip)) for rows in (left, right))
+    w = weight[1:, None]
+    pose, joints = near.pose, (near.pose.shape[1] - 6) // 15
+    still, axes, moving = (slice(6 + a * joints, 6 + b * joints) for a, b in ((0, 3), (3, 9), (9, 15)))
+    roots = [Root(clip.root_pos[rows], clip.root_rot[rows]) for rows in (left, right)]
+    turned = _turn(near.pose[:, axes], far.pose[:, axes], *roots, weight, frame_time, most)
+
+    pose[:, still] += w * (far.pose[:, still] - pose[:, still])
+    pose[:, axes] = turned.axes
+    # the velocities of frame t hold from t - 1 to t: what part of the time from at - pace to at is whose
+    ahead = np.minimum(w, np.float32(pace))
+    here = np.minimum(np.float32(pace) - ahead, 1.0)
+    behind = np.float32(pace) - ahead - here
+    older = np.flatnonzero(behind > 0)
+    for part in (slice(0, 6), moving):
+        pose[:, part] = here * pose[:, part] + ahead * far.pose[:, part]
+        pose[older, part] += behind[older] * clip.pose[np.maximum(left[1:][older] - 1, 0), part]
+    known = at[1:] >= pace  # the frame before is in the clip
+    pose[known, :6] = turned.velocities[known]
+    return Piece(near.speech + w * (far.speech - near.speech), pose, turned.root.pos, turned.root.rot)
+
+
+class _Turned(NamedTuple):
+    """What `play` leaves to geometry."""
+
+    axes: Float[Values, "T 6*J"]
+    velocities: Float[Values, "T 6"]  # of the root, from the frame before
+    root: Root
+
+
+def _turn(near, far, before: Root, after: Root, weight: np.ndarray, frame_time: float, most: int) -> _Turned:
+    """Axes of T frames and roots of those and the one before, between two each; padded to `most`, on the CPU."""
+    frames, missing = len(near), most - len(near)
+    arrays = ((near, far, weight[1:]), (before, after, weight))
+    padded = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], missing, axis=0)]), arrays)
     with jax.default_device(_host()):
-        played = _play(source, local, np.float32(pace), np.float32(frame_time))
-    return Piece(*(np.asarray(x)[: len(at) - 1] for x in played))
+        turned = _blend(*padded, np.float32(frame_time))
+    return jax.tree.map(lambda x: np.asarray(x)[:frames], turned)
+
+
+@jax.jit
+def _blend(axes: tuple, roots: tuple, frame_time: Array) -> _Turned:
+    near, far, weight = axes
+    pairs = (len(near), -1, 2, 3)
+    blended = poses.blend_axes(near.reshape(pairs), far.reshape(pairs), weight[:, None])
+    root = poses.blend_roots(*roots)
+    first, then = (jax.tree.map(lambda x, cut=cut: x[cut], root) for cut in (slice(None, -1), slice(1, None)))
+    velocities = jnp.concatenate(poses.velocities(first, then, frame_time), axis=-1)
+    return _Turned(blended.reshape(near.shape), velocities, then)
 
 
 @cache
-def _host() -> jax.Device | None:
+def _host() -> jax.Device | None:  # pyright: ignore[reportInvalidTypeForm]
     """The CPU, whatever the step runs on; None where JAX was told to do without."""
     try:
         return jax.local_devices(backend="cpu")[0]
     except RuntimeError:
         return None
-
-
-def play(piece: Piece, at: Float[ArrayLike, " F"], pace: ArrayLike, frame_time: ArrayLike) -> Piece:
-    """Frames `at[1:]`, which are `pace` apart, of a piece; `at[0]` is the frame before them, if there is one.
-
-    Features, positions and roots lie on lines between the frames, rotations turn the shorter way. Velocities
-    are those of the played motion: for the root by differences, for joints the mean over the time between two
-    played frames, times the pace (for positions that is the difference). Before a clip's first frame the body
-    moves as in the first.
-    """
-    at = jnp.asarray(at)
-    last = piece.pose.shape[0] - 1
-    left = jnp.clip(jnp.floor(at).astype(jnp.int32), 0, last)
-    right, weight = jnp.minimum(left + 1, last), at - left
-    piece = Piece(*map(jnp.asarray, piece))
-    before, after = (Root(piece.root_pos[rows], piece.root_rot[rows]) for rows in (left, right))
-    root = poses.blend_roots(before, after, weight)
-    first, then = (jax.tree.map(lambda x, cut=cut: x[cut], root) for cut in (slice(None, -1), slice(1, None)))
-
-    left, right, weight = left[1:], right[1:], weight[1:, None]
-    near, far = piece.pose[left], piece.pose[right]
-    place = near + weight * (far - near)
-    # the stored velocities of frame t hold from t - 1 to t: their shares in the time from at - pace to at
-    pace = jnp.asarray(pace, weight.dtype)
-    here = jnp.minimum(pace - weight, 1.0)
-    rate = weight * far + here * near + (pace - weight - here) * piece.pose[jnp.maximum(left - 1, 0)]
-    nowhere = Root(first.pos, first.rot)
-    blended, moving = from_vector(place, nowhere), from_vector(rate, nowhere)
-    axes = poses.blend_axes(*(from_vector(x, nowhere).joint_axes for x in (near, far)), weight=weight)
-    vel, ang = poses.velocities(first, then, frame_time)
-    started = at[1:, None] - pace > -1e-3
-    vel, ang = jnp.where(started, vel, moving.root_vel), jnp.where(started, ang, moving.root_ang)
-    played = moving._replace(root_vel=vel, root_ang=ang, joint_pos=blended.joint_pos, joint_axes=axes)
-    speech = piece.speech[left] + weight * (piece.speech[right] - piece.speech[left])
-    return Piece(speech, to_vector(played), then.pos, then.rot)
-
-
-_play = jax.jit(play)
 
 
 def mirror_of(skeleton: Skeleton, across: tuple[int, ...]) -> Mirror:
