@@ -1,7 +1,7 @@
 """A trial: one training at a small size with one thing changed, measured once; shared by 04 and 05.
 
 The size is for two CPU cores: a decoder of 128 units, windows of 2 s at 30 frames a second, neither mirrored nor paced,
-batches of 16, 600 updates, some minutes a run. Differences at this size say which way a choice points, no more; that is
+batches of 8, 700 updates, some minutes a run. Differences at this size say which way a choice points, no more; that is
 why every trial runs with more than one seed.
 """
 
@@ -30,8 +30,8 @@ SMALL = TrainConfig(
         style=StyleEncoderConfig(hidden=64, size=16),
         decoder=DecoderConfig(hidden=128, layers=2),
     ),
-    windows=WindowConfig(batch=16, window=60, example=(60, 120), mirror=0.0, pace=0.0),
-    steps=600,
+    windows=WindowConfig(batch=8, window=60, example=(60, 90), mirror=0.0, pace=0.0),
+    steps=700,
     learning_rate=1.5e-3,
     ema=0.99,
     kl_middle=300.0,
