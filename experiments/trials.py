@@ -40,6 +40,7 @@ SMALL = TrainConfig(
     checkpoint_every=200,
     keep=1,
     keep_best=False,
+    speech_columns=True,
     validate_every=0,
     sample_every=0,
 )
