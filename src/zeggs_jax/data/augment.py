@@ -5,7 +5,7 @@ shows at frame i p. Written for one piece of a clip.
 """
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -51,8 +51,8 @@ def play(clip: Piece, at: Float[np.ndarray, " F"], pace: float, frame_time: floa
     w = weight[1:, None]
     pose, joints = near.pose, (near.pose.shape[1] - 6) // 15
     still, axes, moving = (slice(6 + a * joints, 6 + b * joints) for a, b in ((0, 3), (3, 9), (9, 15)))
-    roots = [Root(clip.root_pos[rows], clip.root_rot[rows]) for rows in (left, right)]
-    turned = _turn(near.pose[:, axes], far.pose[:, axes], *roots, weight, frame_time, most)
+    before, after = (_root(clip.root_pos[rows], clip.root_rot[rows]) for rows in (left, right))
+    turned = _turn(near.pose[:, axes], far.pose[:, axes], before, after, weight, frame_time, most)
 
     pose[:, still] += w * (far.pose[:, still] - pose[:, still])
     pose[:, axes] = turned.axes
@@ -67,6 +67,11 @@ def play(clip: Piece, at: Float[np.ndarray, " F"], pace: float, frame_time: floa
     known = at[1:] >= pace  # the frame before is in the clip
     pose[known, :6] = turned.velocities[known]
     return Piece(near.speech + w * (far.speech - near.speech), pose, turned.root.pos, turned.root.rot)
+
+
+def _root(pos: Any, rot: Any) -> Root:
+    """A root of numpy arrays."""
+    return Root(pos, rot)
 
 
 class _Turned(NamedTuple):
@@ -115,7 +120,7 @@ def mirror_of(skeleton: Skeleton, across: tuple[int, ...]) -> Mirror:
     """
     joints = len(skeleton)
     numbers = np.arange(1, poses.size(joints) + 1, dtype=np.float32)
-    image = np.asarray(to_vector(poses.mirror(from_vector(numbers, Root(np.zeros(3), np.zeros(4))), across)))
+    image = np.asarray(to_vector(poses.mirror(from_vector(numbers, _root(np.zeros(3), np.zeros(4))), across)))
     other_side = skeleton.offsets[np.asarray(across)] * np.array([-1.0, 1.0, 1.0])
     shift = np.zeros(len(numbers), np.float32)
     shift[9 : 6 + 3 * joints] = (skeleton.offsets - other_side)[1:].ravel()

@@ -7,7 +7,7 @@ spine, turned with the hips. Joint values are relative to the parent joint; thos
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -51,12 +51,12 @@ def to_vector(pose: Pose) -> Float[Array, "*b D"]:
 
 def from_vector(vector: Float[ArrayLike, "*b D"], root: Root) -> Pose:
     """Inverse of `to_vector`; the root is not in the vector and is given. Of a numpy array the parts are views."""
-    vector = vector if isinstance(vector, np.ndarray) else jnp.asarray(vector)
-    lead, joints = vector.shape[:-1], (vector.shape[-1] - 6) // 15
-    if vector.shape[-1] != size(joints):
-        raise ValueError(f"A pose vector has 6 + 15 J numbers, got {vector.shape[-1]}.")
+    packed: Any = vector if isinstance(vector, np.ndarray) else jnp.asarray(vector)
+    lead, joints = packed.shape[:-1], (packed.shape[-1] - 6) // 15
+    if packed.shape[-1] != size(joints):
+        raise ValueError(f"A pose vector has 6 + 15 J numbers, got {packed.shape[-1]}.")
     cuts = [0, 3, 6, 6 + 3 * joints, 6 + 9 * joints, 6 + 12 * joints, size(joints)]
-    root_vel, root_ang, pos, axes, vel, ang = (vector[..., start:stop] for start, stop in pairwise(cuts))
+    root_vel, root_ang, pos, axes, vel, ang = (packed[..., start:stop] for start, stop in pairwise(cuts))
     return Pose(
         root=root,
         root_vel=root_vel,
