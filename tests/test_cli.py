@@ -167,3 +167,38 @@ def test_usage_errors_are_no_tracebacks(zeggs, words):
     status, out, told = zeggs(*words)
     assert status in (0, 2)
     assert "Traceback" not in out + told
+
+
+def test_all_settings_of_a_training_are_printed(zeggs, tmp_path):
+    (tmp_path / "few.json").write_text('{"ema": 0.99}')
+    status, told, _ = zeggs("train", "--print-config", "--config", tmp_path / "few.json", "--steps", 7)
+    assert status == 0
+    assert json.loads(told)["windows"]["window"] == 256
+    (tmp_path / "all.json").write_text(told)
+    assert zeggs("train", "--print-config", "--config", tmp_path / "all.json")[1] == told
+    assert (json.loads(told)["ema"], json.loads(told)["steps"]) == (0.99, 7)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ((), "needs a corpus and --out"),
+        (("{t}/none", "-o", "{t}/run"), "'{t}/none' does not exist"),
+        (("{t}", "-o", "{t}/run", "--steps", "-1"), "steps is -1"),
+        (("{t}", "-o", "{t}/run", "--config", "{t}/none.json"), "none.json"),
+        (
+            ("{t}", "-o", "{t}/run", "--config", "{t}/wrong.json"),
+            "unknown key 'stepps'; the nearest known one is 'steps'",
+        ),
+        (("{t}", "-o", "{t}/run", "--processes", "2"), "--coordinator"),
+        (("{t}/damaged", "-o", "{t}/run"), "is damaged"),
+    ],
+)
+def test_training_refuses_in_one_sentence(zeggs, tmp_path, words, sentence):
+    (tmp_path / "wrong.json").write_text('{"stepps": 3}')
+    (tmp_path / "damaged").mkdir()
+    (tmp_path / "damaged" / "manifest.json").write_text('{"format": 1}')
+    status, _, told = zeggs("train", *(word.format(t=tmp_path) for word in words))
+    assert (status, told.count("\n")) == (2, 1)
+    assert sentence.format(t=tmp_path) in told
+    assert "Traceback" not in told

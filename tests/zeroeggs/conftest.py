@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from zeggs_jax.data.prepare import prepare
+from zeggs_jax.data.body import BodyConfig
+from zeggs_jax.data.prepare import PrepareConfig, prepare
 from zeggs_jax.data.scale import Scale, Scales
 from zeggs_jax.motion import bvh
 from zeggs_jax.motion.pose import Pose, Root
@@ -94,7 +95,7 @@ def corpus(tmp_path_factory) -> Path:
         wav.write(folder / f"{name}.wav", 0.1 * random.normal(size=16000), 16000)
     rows = [f"{name},{name.split('/')[0]},{'valid' if name == NAMES[-1] else 'train'}" for name in NAMES]
     (folder / "corpus.csv").write_text("\n".join(["name,style,split", *rows]) + "\n")
-    prepare(folder, folder / "arrays")
+    prepare(folder, folder / "arrays", PrepareConfig(body=BodyConfig(scale=1.0, up="y", facing="z")))
     return folder / "arrays"
 
 

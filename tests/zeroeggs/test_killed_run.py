@@ -28,6 +28,7 @@ SETTINGS = {
     "log_every": 1, "checkpoint_every": EVERY, "keep": 2, "keep_every": 20,
     "validate_every": 10, "validate_clips": 2, "sample_every": 30,
 }  # fmt: skip
+QUICK = "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"  # compiles in half the time
 CODE = """
 import os, sys, warnings
 warnings.simplefilter("error")
@@ -50,7 +51,7 @@ class Command:
         self.corpus, self.config = corpus, folder / "config.json"
         self.config.write_text(json.dumps(SETTINGS))
         cache = {"JAX_COMPILATION_CACHE_DIR": str(folder), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1"}
-        self.environment = os.environ | {"JAX_PLATFORMS": "cpu"} | cache
+        self.environment = os.environ | {"JAX_PLATFORMS": "cpu", "XLA_FLAGS": QUICK} | cache
 
     def __call__(self, run: Path, last: int = -1, number: int = 0) -> tuple[int, str]:
         """Train; signal `number` comes right after update `last` is logged. Exit status and what was said."""

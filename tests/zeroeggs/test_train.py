@@ -16,10 +16,12 @@ from zeggs_jax.data.prepared import load
 from zeggs_jax.data.windows import Batch, WindowConfig, batch
 from zeggs_jax.training import checkpoint, keep
 from zeggs_jax.training.record import TIMING, read_log
+from zeggs_jax.training.step import make_step
 from zeggs_jax.zeroeggs import model as m
 from zeggs_jax.zeroeggs import objective, run_folder
 from zeggs_jax.zeroeggs import train as t
 from zeggs_jax.zeroeggs.checkpoints import load_model, save_model
+from zeggs_jax.zeroeggs.config import to_dict
 
 TINY = t.TrainConfig(
     model=m.ZeroEggsConfig(
@@ -41,8 +43,11 @@ BY_LABEL = replace(TINY.model, style=m.StyleEncoderConfig(kind="label"), labels=
 @pytest.fixture(scope="session")
 def run(corpus, tmp_path_factory) -> Path:
     """A finished run of six updates; not to be written to."""
-    folder = tmp_path_factory.mktemp("run")
-    t.train(corpus, folder, TINY, progress=False)
+    folder, steps = tmp_path_factory.mktemp("run"), []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(t, "make_step", lambda *options: steps.append(make_step(*options)) or steps[-1])
+        t.train(corpus, folder, TINY, progress=False)
+    assert [step._cache_size() for step in steps] == [1]  # examples of all lengths: one compilation
     return folder
 
 
@@ -121,6 +126,45 @@ def test_models_of_another_config_are_refused(run, tmp_path):
 def test_other_settings_do_not_resume(run, corpus, config, message):
     with pytest.raises(ValueError, match=message):
         t.train(corpus, run, config, progress=False)
+
+
+def test_fewer_updates_than_are_done_are_refused(run, corpus):
+    with pytest.raises(ValueError, match="has done 6 updates, 5 are asked for: ask for more, or choose another folder"):
+        t.train(corpus, run, replace(TINY, steps=5), progress=False)
+
+
+@pytest.mark.parametrize("free", [{"accumulate": 2}, {"remat": True}, {"keep": 1, "explode": None, "log_every": 7}])
+def test_settings_that_leave_the_update_alone_may_change(run, corpus, free):
+    run_folder.check_same(keep.checkpoints(run)[-1], metadata_of(run, replace(TINY, **free), corpus), run)
+
+
+@pytest.mark.parametrize("fixed", [{"ema": 0.9}, {"clip_norm": 1.0}, {"matmul": "bfloat16"}, {"seed": 1}])
+def test_settings_that_change_the_update_may_not(run, corpus, fixed):
+    with pytest.raises(ValueError, match=f"was started with {next(iter(fixed))} = "):
+        run_folder.check_same(keep.checkpoints(run)[-1], metadata_of(run, replace(TINY, **fixed), corpus), run)
+
+
+def metadata_of(run: Path, config: t.TrainConfig, corpus: Path) -> dict:
+    """What `train` would compare the run's checkpoint with."""
+    stored = checkpoint.metadata(keep.checkpoints(run)[-1])
+    return stored | {"training": to_dict(t.fit_config(config, load(corpus)))}
+
+
+def test_a_run_with_an_average_is_the_averaged_model(run, tmp_path):
+    tree, metadata = checkpoint.load(keep.checkpoints(run)[-1])
+    tree["average"] = jax.tree.map(lambda a: a + 1.0, tree["params"])
+    checkpoint.save(tmp_path / "averaged", tree, metadata)
+    ours, theirs = load_model(tmp_path / "averaged").params, load_model(run).params
+    jax.tree.map(lambda a, b: np.testing.assert_array_equal(a, b + np.float32(1.0)), ours, theirs)
+
+
+def test_the_best_and_the_newest_are_both_models(run, tmp_path):
+    shutil.copytree(run, tmp_path / "run")
+    shutil.copytree(keep.checkpoints(run)[0], keep.best(tmp_path / "run"))
+    newest, best = load_model(tmp_path / "run"), load_model(keep.best(tmp_path / "run"))
+    bias = [model.params["decoder"]["recurrent"]["dense_out"]["bias"] for model in (newest, best, load_model(run))]
+    np.testing.assert_array_equal(bias[0], bias[2])
+    assert not np.array_equal(bias[0], bias[1])
 
 
 def test_another_corpus_does_not_resume(run, corpus, tmp_path):

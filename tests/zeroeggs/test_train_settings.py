@@ -16,12 +16,29 @@ from zeggs_jax.zeroeggs.config import from_dict
     [
         ("steps", -1), ("log_every", 0), ("checkpoint_every", 0), ("keep", 0), ("seed", -1), ("seed", 2**32),
         ("learning_rate", 0.0), ("learning_rate", float("inf")), ("learning_rate", float("nan")),
+        ("clip_norm", 0.0), ("ema", 1.0), ("ema", -0.1), ("explode", 1.0), ("explode", float("inf")),
+        ("accumulate", 0), ("validate_every", -1), ("validate_clips", 0), ("sample_every", -1), ("keep_every", -1),
         ("decay", 0.0), ("decay", 1.1), ("eps", 0.0), ("eps", float("nan")),
     ],
 )  # fmt: skip
 def test_numbers_out_of_range_are_named(name, value):
     with pytest.raises(ValueError, match=f"^{name} is .*must be"):
         t.TrainConfig(**{name: value})
+
+
+def test_parts_must_divide_the_batch():
+    with pytest.raises(ValueError, match="accumulate is 3; it must be a number that divides the batch of 32"):
+        t.TrainConfig(accumulate=3)
+
+
+def test_options_that_are_off_are_null():
+    given = {"clip_norm": 5, "ema": None, "explode": None, "matmul": "bfloat16"}
+    config = from_dict(t.TrainConfig, given)
+    assert (config.clip_norm, config.ema, config.explode, config.matmul) == (5.0, None, None, "bfloat16")
+    with pytest.raises(ValueError, match=r"config\.clip_norm is 'no'; expected float"):
+        from_dict(t.TrainConfig, {"clip_norm": "no"})
+    with pytest.raises(ValueError, match=r"config\.matmul is 'float16'; expected one of 'float32', 'bfloat16'"):
+        from_dict(t.TrainConfig, {"matmul": "float16"})
 
 
 def test_the_ends_of_the_ranges_are_allowed():

@@ -65,10 +65,15 @@ class Records:
         return all(loss is None or values["loss"] < loss for loss in others)
 
     def _add(self, name: str, group: str, step: int, values: Mapping[str, float]) -> dict[str, Any]:
-        line = {"step": step} | {key: value if math.isfinite(value) else None for key, value in values.items()}
+        finite = {key: value if math.isfinite(value) else None for key, value in values.items()}
+        line = {"step": step, "loss": finite.get("loss")} | finite
         if self._write:
-            self._files[name].write(json.dumps(line) + "\n")
-            self._files[name].flush()
+            try:
+                self._files[name].write(json.dumps(line) + "\n")
+                self._files[name].flush()
+            except OSError as error:
+                path = self._run / name
+                raise OSError(f"'{path}' cannot be written ({error.strerror}); make room and run again.") from error
             for key, value in values.items():
                 self._board.add_scalar(f"{group}/{key}", value, step)
         return line
