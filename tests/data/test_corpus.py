@@ -102,3 +102,38 @@ def test_what_does_not_fit_is_named_in_one_sentence(tmp_path, case, words):
 def test_a_missing_folder_is_named(tmp_path):
     with pytest.raises(FileNotFoundError, match="absent"):
         corpus.find(tmp_path / "absent")
+
+
+def test_all_that_has_no_partner_is_listed(tmp_path):
+    touch(tmp_path, "x/a.bvh", "x/a.wav", "x/b.bvh", "y/c.FLAC", "d.ogg", "e.BVH", "e.WAV", "notes.txt")
+    found = corpus.survey(tmp_path)
+    assert [entry.name for entry in found.entries] == ["e", "x/a"]
+    assert [problem.name for problem in found.problems] == ["x/b", "d", "y/c"]
+    assert all("beside it; add that or remove this." in problem.reason for problem in found.problems)
+    with pytest.raises(ValueError, match=r"b\.bvh"):
+        corpus.find(tmp_path)
+
+
+def test_all_lines_that_do_not_fit_are_listed(tmp_path):
+    touch(tmp_path, "a.bvh", "a.wav", "b.bvh")
+    lines = ["name,style,split", "a,calm,train", "a,calm,train", "b,calm,train", "a,calm,test", "c,,train", "d,calm,"]
+    (tmp_path / "corpus.csv").write_text("\n".join(lines) + "\n")
+    found = corpus.survey(tmp_path)
+    assert summary(found.entries) == [("a", "calm", "train")]
+    assert [problem.name for problem in found.problems] == ["a", "b", "a", "c", "d"]
+
+
+def test_a_table_without_split_leaves_it_to_the_rule(tmp_path):
+    names = [f"t{k}" for k in range(6)]
+    touch(tmp_path, *(f"{name}{suffix}" for name in names for suffix in (".bvh", ".wav")))
+    rows = [f"{name},{'old' if k == 2 else 'calm'}" for k, name in enumerate(names)]
+    (tmp_path / "corpus.csv").write_text("\ufeffname, style\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    assert [entry.split for entry in corpus.find(tmp_path)] == ["train"] * 5 + ["valid"]
+
+
+def test_transcripts_lie_beside_the_pairs(tmp_path):
+    touch(tmp_path, "a.bvh", "a.wav", "a.txt", "b.bvh", "b.wav", "b.json", "b.txt", "c.bvh", "c.wav")
+    found = [entry.transcript.name if entry.transcript else None for entry in corpus.find(tmp_path)]
+    assert found == ["a.txt", "b.json", None]
+    (tmp_path / "corpus.csv").write_text("name,style\na,calm\n")
+    assert corpus.find(tmp_path)[0].transcript == tmp_path / "a.txt"

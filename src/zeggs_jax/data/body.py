@@ -37,9 +37,6 @@ class BodyConfig:
     def __post_init__(self) -> None:
         if self.scale is not None and not 0 < self.scale < np.inf:
             raise ValueError(f"The scale of a body is {self.scale}; give the cm of one unit, above 0.")
-        for name, axis in (("up", self.up), ("facing", self.facing)):
-            if axis not in ("auto", *AXES):
-                raise ValueError(f"A body's {name} axis is {axis!r}; give one of auto, {', '.join(AXES)}.")
         for pair in self.axes or ():
             up, _, ahead = pair.partition(" ")
             if up not in AXES or ahead not in AXES or up[-1] == ahead[-1]:
@@ -130,16 +127,19 @@ def read_body(path: str | Path) -> BodyConfig:
         raise ValueError(f"'{path}' has roles = {roles!r}; write a table [roles] with lines such as hips = \"Hips\".")
     _known(table, ("scale", "up", "facing"), f"'{path}'")
     _known(roles, tuple(field.name for field in fields(Roles)), f"[roles] of '{path}'")
-    if not isinstance(table.get("scale", 1.0), int | float) or isinstance(table.get("scale"), bool):
-        raise ValueError(f"'{path}' has scale = {table['scale']!r}; give the cm of one unit as a number.")
     for role, joint in roles.items():
         if not isinstance(joint, str):
             raise ValueError(f"[roles] of '{path}' has {role} = {joint!r}; give the joint's name in quotes.")
+    scale = table.pop("scale", None)
+    if scale is not None and type(scale) not in (int, float):
+        raise ValueError(f"'{path}' has scale = {scale!r}; give the cm of one unit as a number.")
+    for key, axis in table.items():
+        if axis not in ("auto", *AXES):
+            raise ValueError(f"'{path}' has {key} = {axis!r}; give one of auto, {', '.join(AXES)}.")
     try:
-        body = BodyConfig(**table, roles=Roles(**roles) if roles else None)
+        return BodyConfig(None if scale is None else float(scale), **table, roles=Roles(**roles) if roles else None)
     except ValueError as error:
         raise ValueError(f"'{path}': {error}") from None
-    return body if body.scale is None else replace(body, scale=float(body.scale))
 
 
 def _known(table: dict[str, Any], keys: tuple[str, ...], where: str) -> None:

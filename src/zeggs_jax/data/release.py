@@ -58,12 +58,13 @@ def clean(folder: Path) -> Iterator[Entry | Problem]:
     for path, cut, style, free in zip(files, cuts, styles, chosen, strict=True):
         split = _split(rows[cut["take"]]) if cut["take"] in rows else "train" if rows else free
         own = path.with_suffix("")
-        speech = beside(own, SPEECH_SUFFIXES) or beside(Path(str(own).replace("_mirror", "")), SPEECH_SUFFIXES)
+        speech = beside(own, SPEECH_SUFFIXES) or beside(own.with_name(own.name.replace("_mirror", "")), SPEECH_SUFFIXES)
         if speech is None:
             yield Problem(own.name, f"'{path}' has no '{own.name}.wav' beside it; add that or remove this.")
         else:
             yield Entry(own.name, path, speech, style, split, transcript=transcript_beside(speech.with_suffix("")))
-    for take in rows.keys() - {cut["take"] for cut in cuts}:
+    there = {cut["take"] for cut in cuts}
+    for take in (take for take in rows if take not in there):
         yield Problem(take, f"'{tables[0]}' lists '{take}', of which '{folder}' has no clip; add it or drop the line.")
 
 
