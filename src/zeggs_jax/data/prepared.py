@@ -52,9 +52,10 @@ class Prepared:
     def across(self) -> tuple[int, ...] | None:
         """For every joint its counterpart on the body's other side; None where the body has no mirror."""
         try:
-            return self.skeleton.mirror_map()
+            across = self.skeleton.mirror_map()
         except ValueError:
             return None
+        return across if self.skeleton.asymmetry() < 0.5 else None  # else mirrored rotations are no mirrored motion
 
     def clips(self, split: str) -> Int32[np.ndarray, " c"]:
         """Numbers of the clips of a split."""
