@@ -56,8 +56,8 @@ def check_same(checkpoint_path: Path, given: dict[str, Any], out: Path) -> None:
     """ValueError naming the first setting in which the run's newest checkpoint differs from what is `given`."""
     started = checkpoint.metadata(checkpoint_path)
     before, now = _flat(started.get("training", {})), _flat(given["training"])
-    usual = _flat(to_dict(TrainConfig()))  # what the versions did that lacked a setting
-    before = usual | {"speech_columns": now["speech_columns"]} | before
+    lacked = {"speech_columns": now["speech_columns"], "windows.mirror": 0.0, "windows.pace": 0.0}
+    before = _flat(to_dict(TrainConfig())) | lacked | before  # what the versions did that lacked a setting
     for name in [*now, *before]:
         if before.get(name) != now.get(name) and name not in FREE:
             raise ValueError(
