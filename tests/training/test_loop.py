@@ -220,7 +220,7 @@ def test_the_log_says_how_fast_and_how_long_updates_wait(tmp_path):
     last = {name: list(read_log(tmp_path / name / "log.jsonl"))[-1] for name in ("slow", "quick")}
     assert last["slow"]["wait"] > 0.5
     assert 0.0 <= last["quick"]["wait"] < last["slow"]["wait"]
-    assert last["slow"]["speed"] <= 20.0
+    assert last["slow"]["speed"] < 40.0  # a batch takes 1/20 s
 
 
 def test_a_device_without_room_is_told_what_to_do(tmp_path):
