@@ -41,7 +41,10 @@ def spoil(entry: Entry, case: str) -> Entry:
         "no wav": lambda: entry.wav.unlink(),
         "text for sound": lambda: entry.wav.write_text("hello"),
         "one pose": lambda: edited(entry.bvh, euler=np.repeat(clip.euler[:1], 30, axis=0)),
-        "few frames": lambda: (edited(entry.bvh, euler=clip.euler[:7]), wav.write(entry.wav, samples[:1867])),
+        "few frames": lambda: (
+            edited(entry.bvh, euler=clip.euler[:7], positions=clip.positions[:7]),
+            wav.write(entry.wav, samples[:1867]),
+        ),
         "nan": lambda: entry.bvh.write_text(text[: text.index("Frame Time")] + "Frame Time: 0.016667\n" + "nan " * 27),
         "empty bvh": lambda: entry.bvh.write_text(""),
         "torn bvh": lambda: entry.bvh.write_text(text[:-40]),

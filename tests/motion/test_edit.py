@@ -173,3 +173,34 @@ def test_another_body_is_refused_by_name(clip):
         edit.fit(clip, less, "style example 'old.bvh'")
     with pytest.raises(ValueError, match="has joint 'RightFoot' under another parent than 'Spine'"):
         edit.fit(clip, other, "style example 'old.bvh'")
+
+
+def below_a_root(clip):
+    """The clip under one more joint, which is turned half round and lies elsewhere."""
+    own = clip.skeleton
+    names, parents = ("Root", *own.names), (-1, *(parent + 1 for parent in own.parents))
+    frames = len(clip.euler)
+    skeleton = Skeleton(names, parents, np.concatenate([np.zeros((1, 3)), own.offsets]))
+    euler = np.concatenate([np.tile([0.0, np.pi, 0.0], (frames, 1, 1)), clip.euler], axis=1)
+    positions = np.concatenate([np.tile([300.0, 0.0, 50.0], (frames, 1, 1)), clip.positions], axis=1)
+    return clip._replace(skeleton=skeleton, orders=("zyx", *clip.orders), euler=euler, positions=positions)
+
+
+def test_centring_goes_by_the_hips_wherever_they_are_in_the_hierarchy(clip):
+    expected, found = edit.centre(clip), edit.centre(below_a_root(clip))
+    np.testing.assert_allclose(world_positions(found)[:, 1:], world_positions(expected), atol=1e-9)
+
+
+def test_a_helper_on_one_side_keeps_its_place_in_a_mirror(clip):
+    own = clip.skeleton
+    names, parents = (*own.names, "p_l_delt"), (*own.parents, own.index("LeftArm"))
+    offsets = np.concatenate([own.offsets, [[3.0, 1.0, 0.0]]])
+    frames = len(clip.euler)
+    positions = np.concatenate([clip.positions, np.tile(offsets[-1], (frames, 1, 1))], axis=1)
+    euler = np.concatenate([clip.euler, np.zeros((frames, 1, 3))], axis=1)
+    helped = clip._replace(
+        skeleton=Skeleton(names, parents, offsets), orders=(*clip.orders, "zyx"), euler=euler, positions=positions
+    )
+    image = edit.mirror(helped)
+    np.testing.assert_array_equal(image.skeleton.offsets[-1], offsets[-1])
+    np.testing.assert_array_equal(image.positions[:, :-1], edit.mirror(clip).positions)

@@ -82,6 +82,28 @@ def test_a_joint_without_counterpart_is_named():
         skeleton(("Hips", "LeftTail")).mirror_map()
 
 
+def test_a_helper_on_one_side_stands_for_itself():
+    """A marker that only one shoulder has does not unmake the mirror; a hand that is lost does."""
+    names, parents = ("Hips", "LeftArm", "RightArm", "p_l_delt"), (-1, 0, 0, 1)
+    body = skeleton(names, parents)
+    assert body.alone() == [3]
+    assert body.mirror_map() == (0, 2, 1, 3)
+    with pytest.raises(ValueError, match="'LeftHand' has no right counterpart"):
+        skeleton((*names[:3], "LeftHand"), parents).mirror_map()
+    with pytest.raises(ValueError, match="'p_l_delt' has no right counterpart"):
+        skeleton((*names, "Tip"), (*parents, 3)).mirror_map()
+
+
+def test_asymmetry_tells_alike_sides_from_turned_ones():
+    names, parents = ("Hips", "LeftArm", "RightArm", "LeftHand", "RightHand"), (-1, 0, 0, 1, 2)
+    alike = np.array([[0, 90, 0], [10, 40, 0], [-10, 40, 0], [28, 1, 0], [-26, 0, 1]], float)
+    turned = alike.copy()
+    turned[2], turned[4] = turned[1], turned[3]  # both arms along their own +x
+    assert Skeleton(names, parents, alike).asymmetry() < 0.05
+    assert Skeleton(names, parents, turned).asymmetry() > 0.5
+    assert skeleton(("Hips", "Tail")).asymmetry() == 0
+
+
 @pytest.mark.parametrize("role", [field.name for field in fields(Roles)])
 def test_a_body_of_unknown_names_is_told_good_ones(role):
     """The sentence stays short, and each name that it suggests does play the role."""
