@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from ..data.scale import Scales
 from ..data.windows import Batch
 from ..motion.pose import Pose
+from ..nn.compute import Compute
 from ..training.step import LossFn, Metrics
 from . import losses
 from .config import ZeroEggsConfig
@@ -53,17 +54,18 @@ def no_draws(config: ZeroEggsConfig) -> Draws:
 def unroll(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tuple[Pose, StyleDistribution]:
     """The body that the networks make of a clip's speech, example and first frame, and the style they saw."""
     config, scales = setting.config.model, setting.scales
-    speech = encode_speech(params, config, scales, jnp.asarray(clip.speech), draws.speech_dropout)
+    compute = Compute(setting.config.matmul, setting.config.remat)
+    speech = encode_speech(params, config, scales, jnp.asarray(clip.speech), draws.speech_dropout, compute)
     if config.labels:
         style = StyleDistribution(jax.nn.one_hot(clip.label, len(config.labels)), None)
     else:
         style = encode_style(
-            params, config, scales, jnp.asarray(clip.example), clip.example_length, draws.style_dropout
+            params, config, scales, jnp.asarray(clip.example), clip.example_length, draws.style_dropout, compute
         )
     drawn = reparameterise(style, draws.style)
     first = jax.tree.map(lambda a: a[0], clip.poses)
     hold = partial(jnp.broadcast_to, shape=(speech.shape[0], drawn.shape[0]))
-    return decode(params, config, scales, first, speech, hold(drawn), _gaze(clip)), style
+    return decode(params, config, scales, first, speech, hold(drawn), _gaze(clip), compute), style
 
 
 def clip_loss(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tuple[Terms, Array]:
