@@ -190,11 +190,10 @@ def test_a_dead_worker_ends_preparing_in_one_sentence(corpus_folder, tmp_path, m
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("limit", [60_000, 160_000])
+@pytest.mark.parametrize("limit", [30_000, 100_000])
 def test_a_full_disk_is_said_and_nothing_half_written_counts(corpus_folder, prepared, tmp_path, limit):
     """No file may be longer than the limit: the first stops a clip's shard, the second the joined arrays."""
     sizes = resource.getrlimit(resource.RLIMIT_FSIZE)
-    assert max(path.stat().st_size for path in prepared.folder.glob("*.npy")) < 200_000
     out = tmp_path / "out"
     prepare(corpus_folder, tmp_path / "warm")  # what is compiled is not written to a cache under the limit
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, sizes[1]))
