@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..data import windows
+from ..data import rows, windows
 from ..data.prepared import Prepared
 from ..data.windows import Batch
 from ..motion import bvh, features
@@ -47,7 +47,7 @@ NOBODY = Observers()
 def can_validate(corpus: Prepared, config: windows.WindowConfig) -> bool:
     """Whether some clip of the split 'valid' holds a window."""
     ranges = corpus.ranges[corpus.clips(SPLIT)].reshape(-1, 2)
-    return bool(windows.window_count(ranges, config.window, config.as_released).any())
+    return bool(rows.window_count(ranges, config.window, config.as_released).any())
 
 
 class Validation:
