@@ -17,12 +17,13 @@ from zeggs_jax.data.scale import Scale, Scales
 from zeggs_jax.motion import bvh
 from zeggs_jax.motion.pose import Pose, Root
 from zeggs_jax.motion.skeleton import Skeleton
+from zeggs_jax.nn.compute import PLAIN, Compute
 from zeggs_jax.speech import wav
 from zeggs_jax.zeroeggs import model as m
 
 JOINTS, FRAMES = 5, 7
 NAMES = ("calm/a", "calm/b", "wild/c", "wild/d")
-decode = jax.jit(m.decode, static_argnames="config")
+decode = jax.jit(m.decode, static_argnames=("config", "compute"))
 
 
 class Small(NamedTuple):
@@ -34,10 +35,10 @@ class Small(NamedTuple):
     style: jax.Array  # [T, Z]
     gaze: jax.Array  # [T, 3]
 
-    def decode(self, **changed) -> Pose:
+    def decode(self, compute: Compute = PLAIN, **changed) -> Pose:
         """`model.decode` of this clip, with some of it changed."""
         config, params, scales, *clip = self._replace(**changed)
-        return decode(params, config, scales, *clip)
+        return decode(params, config, scales, *clip, compute=compute)
 
 
 def random_pose(rng: np.random.Generator, joints: int = JOINTS) -> Pose:

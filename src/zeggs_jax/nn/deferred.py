@@ -24,7 +24,8 @@ def scan(step: Step, params: Any, carry: Any, xs: Any, compute: Compute = PLAIN)
 
     `params` hold only products: a leaf 'weight...' has a leaf 'bias...' beside it, and `step` gives the vector that
     it was multiplied with under the weight's name. The reverse pass reads the products of the forward pass and computes
-    what follows from them again; with `compute.remat` the products too. Not for forward-mode differentiation.
+    what follows from them again; with `compute.remat` the products too. What `step` closes over
+    is constant: a gradient of it raises in JAX. Not for forward-mode differentiation.
     """
     weights, biases = _leaves(params, "weight"), _leaves(params, "bias")
     frames = jax.tree.leaves(xs)[0].shape[0]

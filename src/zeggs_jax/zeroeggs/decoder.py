@@ -27,11 +27,17 @@ GAZE = 3  # columns of an observation that are not in a prediction: the directio
 
 @dataclass(frozen=True)
 class DecoderConfig:
-    """Sizes of the decoder; with 'film' the style scales and shifts the layers instead of being an input."""
+    """Sizes of the decoder; with 'film' the style scales and shifts the layers instead of being an input.
+
+    Without `facing` the body is not told where to face (the target's columns stay at their mean, the loss has no such
+    term); without `initialiser` the first hidden state is zero: the paper's ablations.
+    """
 
     hidden: int = 1024
     layers: int = 2
     conditioning: Literal["normal", "film"] = "normal"
+    facing: bool = True
+    initialiser: bool = True
 
 
 class Frame(NamedTuple):
@@ -57,16 +63,19 @@ class Decoder(nn.Module):
 
     def setup(self) -> None:
         kind = {"normal": Recurrent, "film": FilmRecurrent}[self.config.conditioning]
-        self.initialiser = HiddenInitialiser(self.config, self.matmul)
+        if self.config.initialiser:
+            self.initialiser = HiddenInitialiser(self.config, self.matmul)
         self.recurrent = kind(self.config, self.matmul)
 
     def __call__(self, seen: Float[Array, " O"], given: Frame) -> tuple[Array, Array]:
         """Both in a row; what `init` runs."""
-        return self.recurrent(seen, given, self.initialiser(seen, given.style))
+        return self.recurrent(seen, given, self.begin(seen, given.style))
 
     def begin(self, seen: Float[Array, " O"], style: Float[Array, " Z"]) -> Float[Array, "L H"]:
-        """First observation and style -> first hidden state."""
-        return self.initialiser(seen, style)
+        """First observation and style -> first hidden state; zeros without an initialiser."""
+        if self.config.initialiser:
+            return self.initialiser(seen, style)
+        return jnp.zeros((self.config.layers, self.config.hidden), seen.dtype)
 
     def predict(
         self, seen: Float[Array, " O"], given: Frame, hidden: Float[Array, "L H"]
@@ -143,16 +152,21 @@ class FilmRecurrent(nn.Module):
         return dense(seen.shape[-1] - GAZE, name="dense_out")(x), hidden
 
 
-def observe(pose: Pose, target: Float[Array, " 3"], pose_in: Scale) -> Float[Array, " O"]:
-    """The scaled pose vector and the way from its root to the target (in cm: not normalised, as released)."""
-    return scale.apply(pose_in, jnp.concatenate([poses.to_vector(pose), poses.gaze_direction(pose.root, target)]))
+def observe(pose: Pose, target: Float[Array, " 3"], pose_in: Scale, facing: bool = True) -> Float[Array, " O"]:
+    """The scaled pose vector and the way from its root to the target (in cm: not normalised, as released).
+
+    Not `facing`: whatever the target, its columns are zero, their mean.
+    """
+    gaze = poses.gaze_direction(pose.root, target)
+    seen = scale.apply(pose_in, jnp.concatenate([poses.to_vector(pose), gaze]))
+    return seen if facing else seen.at[-GAZE:].set(0.0)
 
 
 def begin(
     params: Any, config: DecoderConfig, scales: Scales, first: Pose, given: Frame, matmul: Matmul = "float32"
 ) -> DecoderState:
     """The state before frame 1, from the first pose and frame 0's style and target."""
-    seen = observe(first, given.target, scales.pose_in)
+    seen = observe(first, given.target, scales.pose_in, config.facing)
     network: Any = Decoder(config, matmul)
     return DecoderState(first, network.apply({"params": params}, seen, given.style, method="begin"))
 
@@ -185,7 +199,7 @@ def rollout(
     params = operands(params, compute.matmul)
 
     def step(recurrent: Any, state: DecoderState, frame: Frame) -> tuple[DecoderState, Pose, Any]:
-        seen = observe(state.pose, frame.target, scales.pose_in)
+        seen = observe(state.pose, frame.target, scales.pose_in, config.facing)
         variables = {"params": {"recurrent": recurrent}}
         (predicted, hidden), kept = network.apply(
             variables, seen, frame, state.hidden, method="predict", mutable=[deferred.INPUTS]

@@ -50,12 +50,21 @@ WEIGHTS = Terms(
 
 
 def reconstruction(
-    predicted: Pose, target: Pose, gaze: Float[Array, "*T 3"], parents: tuple[int, ...], frame_time: ArrayLike
+    predicted: Pose,
+    target: Pose,
+    gaze: Float[Array, "*T 3"],
+    parents: tuple[int, ...],
+    frame_time: ArrayLike,
+    facing: bool = True,
 ) -> Terms:
-    """The weighted terms of one clip of T frames; `gaze` is the world point [cm] to face, one or one per frame."""
+    """The weighted terms of one clip of T frames; `gaze` is the world point [cm] to face, one or one per frame.
+
+    Not `facing`: the term of the gaze is zero.
+    """
     gaze = jnp.broadcast_to(gaze, predicted.root.pos.shape)
+    weights = WEIGHTS if facing else WEIGHTS._replace(gaze=0.0)
     ours, theirs = (_compared(motion, gaze, parents, frame_time) for motion in (predicted, target))
-    return jax.tree.map(lambda weight, a, b: weight * jnp.mean(jnp.abs(a - b)), WEIGHTS, ours, theirs)
+    return jax.tree.map(lambda weight, a, b: weight * jnp.mean(jnp.abs(a - b)), weights, ours, theirs)
 
 
 def _compared(motion: Pose, gaze: Float[Array, "T 3"], parents: tuple[int, ...], frame_time: ArrayLike) -> Terms:

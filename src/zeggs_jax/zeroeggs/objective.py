@@ -76,7 +76,10 @@ def clip_loss(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tu
 
 def compare(predicted: Pose, clip: Batch, setting: Setting) -> Terms:
     """The weighted terms of a clip's unrolled body."""
-    return losses.reconstruction(predicted, clip.poses, _gaze(clip), setting.parents, setting.config.model.frame_time)
+    model = setting.config.model
+    return losses.reconstruction(
+        predicted, clip.poses, _gaze(clip), setting.parents, model.frame_time, model.decoder.facing
+    )
 
 
 def batch_loss(params: Params, batch: Batch, draws: Draws, step: ArrayLike, setting: Setting) -> tuple[Array, Metrics]:

@@ -12,6 +12,8 @@ from .style_encoder import StyleEncoderConfig
 
 def torch_names(config: ZeroEggsConfig) -> dict[str, str]:
     """The release's names of our parameters: 'speech/conv0/weight' -> 'speech_encoder/layer0.weight'."""
+    if not config.decoder.initialiser:
+        raise ValueError("the decoder has no initialiser; the release's always has one: it cannot hold this model.")
     patterns = {
         **_under("speech", "speech_encoder", {"conv0": "layer0.{}", "conv1": "layer1.{}", "dense": "layer2.{}"}),
         **_under("style", "style_encoder", {} if config.labels else _style_patterns(config.style)),
