@@ -82,6 +82,11 @@ def test_a_joint_without_counterpart_is_named():
         skeleton(("Hips", "LeftTail")).mirror_map()
 
 
+def test_joints_that_differ_only_in_a_word_for_joint_keep_their_counterparts():
+    names = ("Hips", "LHipJoint", "LeftHip", "RHipJoint", "RightHip")
+    assert skeleton(names).mirror_map() == (0, 3, 4, 1, 2)
+
+
 def test_a_helper_on_one_side_stands_for_itself():
     """A marker that only one shoulder has does not unmake the mirror; a hand that is lost does."""
     names, parents = ("Hips", "LeftArm", "RightArm", "p_l_delt"), (-1, 0, 0, 1)

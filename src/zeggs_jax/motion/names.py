@@ -69,7 +69,7 @@ def infer_roles(names: tuple[str, ...]) -> Roles:
         if words[: len(shared)] == shared and len(words) > len(shared):
             words = words[len(shared) :]
         side, part = _side_and_part(words)
-        known.setdefault((side, part.removeprefix("b ").removeprefix("joint ")), name)
+        known.setdefault((side, _bare(part)), name)
 
     def find(part: str, side: str = "") -> str | None:
         return next((known[side, words] for words in _CANDIDATES[part] if (side, words) in known), None)
@@ -103,11 +103,17 @@ def _side_and_part(words: list[str]) -> tuple[str, str]:
         if not side and spelling in words:
             side = meaning
             words.remove(spelling)
+    return side, " ".join(words)
+
+
+def _bare(part: str) -> str:
+    """A part without what says nothing about it: "head m" -> "head", "hip joint" -> "hip"."""
+    words = part.split()
     while len(words) > 1 and words[-1] in (*_MIDDLE, *_KINDS):
         words.pop()
-    if len(words) > 1 and words[0] in _MIDDLE:
+    while len(words) > 1 and words[0] in (*_MIDDLE, "b", "joint"):
         words.pop(0)
-    return side, " ".join(words)
+    return " ".join(words)
 
 
 def _shared_beginning(names: list[list[str]]) -> list[str]:
