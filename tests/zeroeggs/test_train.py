@@ -79,7 +79,8 @@ def test_a_resumed_run_has_the_numbers_of_an_unbroken_one(run, corpus, tmp_path)
 
 def test_a_run_is_a_model(run, corpus):
     model, prepared = load_model(run), load(corpus)
-    assert model.config == m.ZeroEggsConfig(**{**vars(TINY.model), "joints": 3, "frame_time": 0.033333})
+    assert model.config == t.fit_config(TINY, prepared).model
+    assert (model.config.joints, model.config.frame_time) == (3, 0.033333)
     assert model.skeleton.names == prepared.skeleton.names
     assert model.skeleton.roles == prepared.skeleton.roles
     np.testing.assert_array_equal(model.scales.pose_in.std, prepared.scales.pose_in.std)
@@ -279,17 +280,3 @@ def test_defaults_are_the_papers():
     assert jnp.isclose(
         objective.losses.kl_weight(7000, config.kl_limit, config.kl_middle, config.kl_slope), 0.0759, rtol=1e-3
     )
-
-
-def test_a_corpus_is_prepared_once(corpus, tmp_path, monkeypatch):
-    made = []
-
-    def fake(folder, out, config):
-        made.append((folder, out))
-        shutil.copytree(corpus, out, dirs_exist_ok=True)
-
-    monkeypatch.setattr(run_folder.preparation, "prepare", fake)
-    assert t.prepared(corpus, tmp_path) == corpus
-    assert t.prepared(corpus.parent, tmp_path) == tmp_path / "prepared"
-    assert t.prepared(corpus.parent, tmp_path) == tmp_path / "prepared"
-    assert made == [(corpus.parent, tmp_path / "prepared")]

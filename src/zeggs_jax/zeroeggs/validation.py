@@ -59,7 +59,9 @@ class Validation:
     def __init__(self, corpus: Prepared, setting: Setting, judge: Callable[..., Mapping[str, float]] | None) -> None:
         config = setting.config
         sizes = dataclasses.replace(config.windows, batch=config.validate_clips)
-        self.batch = windows.batch(corpus, config.seed, 0, sizes, SPLIT)
+        batch = windows.batch(corpus, config.seed, 0, sizes, SPLIT)
+        assert isinstance(batch, Batch)  # only windows of the training are augmented
+        self.batch = batch
         self.corpus, self.judge = corpus, judge
         self._look = jax.jit(partial(_look, setting=setting))
 
