@@ -22,7 +22,7 @@ STRESS_SIGMA = 0.1  # s: a stressed syllable lasts about 0.2 s
 STOP_DEPTH = 0.5  # of the mean speed: how much slower a stop is than what is before and after it
 ONSET_HOP = 512  # samples at 16 kHz (EMAGE)
 
-Times = Float[np.ndarray, " N"]  # s, from the first frame, rising
+Times = Float[np.ndarray, " _"]  # s, from the first frame, rising
 
 
 class Stresses(NamedTuple):

@@ -15,7 +15,7 @@ from .rhythm import correlation
 TOLERANCE = 1e-8  # of the largest singular value: directions below have no spread
 FRAMES_PER_COLUMN = 3  # fewer do not say what goes with what
 
-Columns = Float[np.ndarray, "N P"]
+Columns = Float[np.ndarray, "_ _"]  # [frames, columns]
 
 
 class Canonical(NamedTuple):

@@ -19,7 +19,7 @@ import optax
 from flax import linen as nn
 from jaxtyping import Array, Float, Int
 
-from ..nn.layers import Conv, Dense
+from ..nn.layers import Dense
 from . import movement
 from .movement import Movement
 
@@ -76,12 +76,22 @@ class _AutoEncoder(nn.Module):
         quarter, channels = self.config.frames // 4, self.config.channels
         x = window
         for name in ("in0", "in1"):
-            x = jax.nn.relu(Conv(channels, 3, padding="edge", gain=2**0.5, name=name)(x))
+            x = jax.nn.relu(Dense(channels, gain=2**0.5, name=name)(_with_neighbours(x)))
             x = x.reshape(-1, 2, channels).mean(axis=1)
         features = Dense(self.config.features, gain=1.0, name="features")(x.reshape(-1))
         x = jax.nn.relu(Dense(quarter * channels, gain=2**0.5, name="spread")(features)).reshape(quarter, channels)
-        x = jax.nn.relu(Conv(channels, 3, padding="edge", gain=2**0.5, name="out0")(jnp.repeat(x, 2, axis=0)))
-        return features, Conv(window.shape[-1], 3, padding="edge", gain=1.0, name="out1")(jnp.repeat(x, 2, axis=0))
+        x = jax.nn.relu(Dense(channels, gain=2**0.5, name="out0")(_with_neighbours(jnp.repeat(x, 2, axis=0))))
+        decoded = Dense(window.shape[-1], gain=1.0, name="out1")(_with_neighbours(jnp.repeat(x, 2, axis=0)))
+        return features, decoded
+
+
+def _with_neighbours(x: Float[Array, "F C"]) -> Float[Array, "F 3*C"]:
+    """Each frame beside the ones before and after it: a product with these is a convolution of width 3.
+
+    Written so because XLA's own is slow on a CPU inside a loop: 100 times at these sizes.
+    """
+    padded = jnp.concatenate([x[:1], x, x[-1:]])
+    return jnp.concatenate([padded[:-2], x, padded[2:]], axis=-1)
 
 
 def windows(config: FeatureNetConfig, motion: Movement) -> Float[np.ndarray, "N F C"]:
@@ -120,7 +130,9 @@ def train(motions: Sequence[Movement], config: FeatureNetConfig | None = None) -
         )
     stamp = json.dumps(asdict(config), sort_keys=True) + "".join(map(_digest, clips))
     mean = data.mean(axis=(0, 1))
-    spread = float(np.sqrt(np.square(data - mean).mean())) + 1e-9
+    spread = float(np.sqrt(np.square(data - mean).mean()))
+    if not spread > 0.0:
+        raise ValueError("the motions stand still, so there is nothing to learn from them; give motion that moves.")
     scaled = ((data - mean) / spread).astype(np.float32)
     order = np.random.default_rng([config.seed, 1]).integers(0, len(data), (config.steps, config.batch))
     params = jax.device_get(_fit(jnp.asarray(scaled), jnp.asarray(order), config))

@@ -16,7 +16,7 @@ from .movement import Movement
 SAMPLES_PER_DIMENSION = 2  # fewer do not say what a covariance is
 RATE_HZ = 10.0  # at which postures are taken: neighbouring frames say the same
 
-Samples = Float[np.ndarray, "N D"]
+Samples = Float[np.ndarray, "_ _"]  # [N, D]
 
 
 def distance(made: Samples, truth: Samples) -> float:

@@ -70,9 +70,14 @@ def style_statistics(clip: Clip) -> Float[np.ndarray, " S"]:
     Positions are relative to the hips' ground point and in the body's mean heading, so that neither
     where the body stands nor where it looks counts.
     """
-    left, right, hips, spine, head = map(clip.skeleton.role, ("left_hand", "right_hand", "hips", "spine", "head"))
-    body = in_heading(clip)
-    pace = np.log(1.0 + speeds(body, bvh.rate_hz(clip.frame_time)))
+    return statistics_of(movement.of(clip))
+
+
+def statistics_of(motion: Movement) -> Float[np.ndarray, " S"]:
+    """`style_statistics` of joint positions."""
+    left, right, hips, spine, head = map(motion.skeleton.role, ("left_hand", "right_hand", "hips", "spine", "head"))
+    body = movement.in_heading(motion).positions
+    pace = np.log(1.0 + speeds(body, motion.rate_hz))
     parts = [body[:, j] for j in (left, right, head, spine, hips)]
     means = [part.mean(axis=0) for part in parts]
     spreads = [10.0 * np.log(1.0 + part.std(axis=0)) for part in parts]
@@ -85,7 +90,7 @@ def in_heading(clip: Clip) -> Positions:
     return movement.in_heading(movement.of(clip)).positions
 
 
-def derivative(positions: Positions, rate_hz: float, order: Order) -> Float[np.ndarray, "T-order J"]:
+def derivative(positions: Positions, rate_hz: float, order: Order) -> Float[np.ndarray, "_ J"]:
     """Length of the difference of an order, times rate^order: cm/s, cm/s^2, cm/s^3 (GENEA, with the true rate).
 
     GENEA's scripts multiply by 30 whatever the rate is.
@@ -147,12 +152,27 @@ def hellinger_of(
     if not made or not truth:
         raise ValueError(f"got {len(made)} made and {len(truth)} true motions to compare; give one or more of each.")
     both = movement.alike([*made, *truth], 4, names)
-    chosen = slice(None) if joints is None else list(joints)
-    found = [derivative(m.positions[:, chosen], m.rate_hz, order).ravel() for m in both]
-    ours, theirs = np.concatenate(found[: len(made)]), np.concatenate(found[len(made) :])
-    if edges is None:
-        if not (top := float(np.percentile(theirs, 99))) > 0.0:
-            raise ValueError("the true motion stands still, so its speeds have no range; give motion that moves.")
-        edges = np.linspace(0.0, top, BINS + 1)
-    open_ended = np.append(edges, np.inf)
-    return hellinger(*(np.histogram(values, open_ended)[0].astype(np.float64) for values in (ours, theirs)))
+    edges = edges_of(truth, order, joints) if edges is None else edges
+    counts = [histogram(motion, order, edges, joints) for motion in both]
+    return hellinger(np.sum(counts[: len(made)], axis=0), np.sum(counts[len(made) :], axis=0))
+
+
+def edges_of(truth: Sequence[Movement], order: Order, joints: Sequence[int] | None = None) -> Float[np.ndarray, " B"]:
+    """Edges of 50 bins from 0 to the truth's 99th percentile; ValueError for a truth that stands still."""
+    values = np.concatenate([_lengths(motion, order, joints) for motion in truth])
+    if not (top := float(np.percentile(values, 99))) > 0.0:
+        raise ValueError("the true motion stands still, so its speeds have no range; give motion that moves.")
+    return np.linspace(0.0, top, BINS + 1)
+
+
+def histogram(
+    motion: Movement, order: Order, edges: Float[np.ndarray, " B"], joints: Sequence[int] | None = None
+) -> Float[np.ndarray, " B"]:
+    """How often a derivative's length is between two edges, and above the last."""
+    counts, _ = np.histogram(_lengths(motion, order, joints), np.append(edges, np.inf))
+    return counts.astype(np.float64)
+
+
+def _lengths(motion: Movement, order: Order, joints: Sequence[int] | None) -> Float[np.ndarray, " n"]:
+    positions = motion.positions if joints is None else motion.positions[:, list(joints)]
+    return derivative(positions, motion.rate_hz, order).ravel()

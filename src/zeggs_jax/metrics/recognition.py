@@ -75,7 +75,12 @@ def judge(
 
 
 def own_accuracy(statistics: Float[np.ndarray, "N S"], styles: Sequence[str]) -> float:
-    """Share of clips that are recognised by centroids made without them.
+    """Share of clips that are recognised by centroids made without them; see `own_hits`."""
+    return float(np.mean(own_hits(statistics, styles)))
+
+
+def own_hits(statistics: Float[np.ndarray, "N S"], styles: Sequence[str]) -> tuple[bool, ...]:
+    """Of each clip whether it is recognised by centroids made without it.
 
     Raises:
         ValueError: rows and styles that do not fit, statistics that are no numbers, a style of which there are fewer
@@ -93,4 +98,4 @@ def own_accuracy(statistics: Float[np.ndarray, "N S"], styles: Sequence[str]) ->
     for k, style in enumerate(styles):
         others = [other for at, other in enumerate(styles) if at != k]
         hits.append(nearest(fit(np.delete(statistics, k, axis=0), others), statistics[k]) == style)
-    return float(np.mean(hits))
+    return tuple(hits)

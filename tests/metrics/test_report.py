@@ -1,0 +1,123 @@
+"""The report: every measure in one table of plain data, truth first, damage where it belongs, reasons for gaps."""
+
+import json
+
+import numpy as np
+import pytest
+
+from zeggs_jax.metrics import feature_net, report, scores
+from zeggs_jax.metrics.feature_net import FeatureNetConfig
+from zeggs_jax.metrics.report import ReportConfig
+from zeggs_jax.metrics.scores import Sample
+
+QUICK = ReportConfig(draws=20)
+NET = FeatureNetConfig(features=4, channels=8, steps=60, batch=8)
+
+
+@pytest.fixture(scope="module")
+def truth(gesture):
+    """Two styles: large and small gestures, six clips of 8 s, with onsets and stresses."""
+    draw = np.random.default_rng(0)
+    return [
+        Sample(
+            f"clip{k}",
+            gesture(k, size=16.0 if k % 2 else 6.0),
+            f"clip{k}",
+            "large" if k % 2 else "small",
+            np.sort(draw.uniform(0.0, 8.0, 12)),
+            np.sort(draw.uniform(0.0, 8.0, 6)),
+            draw.uniform(size=240),
+        )
+        for k in range(6)
+    ]
+
+
+@pytest.fixture(scope="module")
+def net(truth):
+    return feature_net.train([sample.motion for sample in truth], NET)
+
+
+@pytest.fixture(scope="module")
+def found(truth, net, damage):
+    groups = {name: [s._replace(motion=hurt(s.motion)) for s in truth] for name, hurt in {
+        "itself": lambda m: m, "frozen": damage["frozen"], "trembling": lambda m: damage["trembling"](m, 1.0),
+    }.items()}  # fmt: skip
+    groups["two samples"] = [s._replace(name=f"{s.name}_{k}") for s in truth for k in range(2)]
+    return report.report(groups, truth, net, QUICK)
+
+
+def value(found, group, measure):
+    return found["groups"][group]["values"][measure]["value"]
+
+
+def test_it_is_plain_data_with_all_measures(found):
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    assert list(found["groups"]) == ["truth", "itself", "frozen", "trembling", "two samples"]
+    assert set(found["groups"]["two samples"]["values"]) == set(scores.MEASURES) == set(found["measures"])
+    assert found["groups"]["truth"]["clips"] == 6
+    assert found["groups"]["truth"]["seconds"] == 48.0
+
+
+def test_it_says_how_it_was_made(found, net):
+    assert found["settings"]["draws"] == 20
+    assert found["settings"]["rate_hz"] == 30.0
+    assert found["settings"]["feature_net"]["fingerprint"] == net.fingerprint
+    assert found["settings"]["feature_net"]["seed"] == NET.seed
+
+
+def test_the_truth_is_without_fault_and_its_own_values_stand_beside(found):
+    for measure, best in {"fgd": 0.0, "hellinger_jerk": 0.0, "ape": 0.0, "ave": 0.0, "pck": 1.0, "coverage_dice": 1.0,
+                          "canonical": 1.0, "skate": 0.0, "floating": 0.0}.items():  # fmt: skip
+        assert value(found, "itself", measure) == pytest.approx(best, abs=1e-6), measure
+    for measure in ("jerk", "l1", "energy", "stress", "diversity"):
+        assert value(found, "itself", measure) == value(found, "truth", measure), measure
+    assert value(found, "truth", "recognised") == 1.0
+    assert value(found, "truth", "fgd") > 0.0
+    assert "ape" not in found["groups"]["truth"]["values"]
+
+
+def test_damage_shows_where_it_belongs(found):
+    for measure in ("fgd", "frechet_postures", "hellinger_speed", "ave"):
+        assert value(found, "frozen", measure) > value(found, "itself", measure) + 0.01, measure
+    assert value(found, "frozen", "jerk") == value(found, "frozen", "l1") == value(found, "frozen", "stress") == 0.0
+    assert value(found, "trembling", "jerk") > 5.0 * value(found, "truth", "jerk")
+    assert value(found, "trembling", "skate") > 5.0
+    assert value(found, "two samples", "multimodality") == 0.0
+
+
+def test_values_lie_in_their_intervals(found):
+    for group in found["groups"].values():
+        for measure, entry in group["values"].items():
+            if entry["low"] is not None:
+                assert entry["low"] <= entry["high"], measure
+    jerk = found["groups"]["trembling"]["values"]["jerk"]
+    assert jerk["low"] < jerk["value"] < jerk["high"]
+
+
+def test_the_same_seed_is_the_same_report(truth):
+    groups = {"g": truth[:3]}
+    assert report.report(groups, truth, None, QUICK) == report.report(groups, truth, None, QUICK)
+
+
+def test_what_cannot_be_measured_is_left_out_with_its_reason(truth):
+    bare = [Sample("other", truth[0].motion, "unknown")]
+    found = report.report({"g": bare}, truth[:2], None, QUICK)
+    reasons = {(r["group"], r["measure"]): r["reason"] for r in found["left_out"]}
+    assert "no recorded clip 'unknown'" in reasons["g", "ape"]
+    assert "only one recorded clip shows the style" in reasons["truth", "recognised"]
+    assert found["settings"]["feature_net"] is None
+    values = found["groups"]["g"]["values"]
+    assert not {"fgd", "ape", "energy", "stress", "recognised"} & set(values)
+    assert values["jerk"]["low"] is None
+    json.dumps(found, allow_nan=False)
+
+
+def test_groups_that_make_no_report_are_refused(truth, gesture):
+    with pytest.raises(ValueError, match="called 'truth'"):
+        report.report({"truth": truth}, truth)
+    with pytest.raises(ValueError, match="'g' has no clips"):
+        report.report({"g": []}, truth)
+    with pytest.raises(ValueError, match="two clips of the group 'g' are called 'clip0'"):
+        report.report({"g": [truth[0], truth[0]]}, truth)
+    with pytest.raises(ValueError, match="'clip0' of 'truth' runs at 30 Hz and 'x' of 'g' at 60 Hz"):
+        report.report({"g": [Sample("x", gesture(rate_hz=60.0), "clip0")]}, truth)
