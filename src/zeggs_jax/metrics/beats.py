@@ -6,7 +6,7 @@ something only beside that of the same speech moved in time, which `Agreement.sh
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -19,17 +19,20 @@ ORDER = 7.0 / 30.0  # s to both sides within which a beat is the slowest moment:
 MOVING = 0.10  # of the joint's mean speed: what is slower rests and has no beats (EMAGE)
 SIGMA = 0.3  # s: how far a beat may be from a sound and still count (EMAGE; TalkSHOW takes 0.5)
 STRESS_SIGMA = 0.1  # s: a stressed syllable lasts about 0.2 s
-STOP_DEPTH = 0.5  # of the mean speed: how much slower a stop is than what is before and after it
+PROMINENCE = 0.5  # of the mean speed: how much a stroke is faster, or a stop slower, than what is around it
 ONSET_HOP = 512  # samples at 16 kHz (EMAGE)
 
 Times = Float[np.ndarray, " _"]  # s, from the first frame, rising
 
 
+Moments = Literal["strokes", "stops"]
+
+
 class Stresses(NamedTuple):
-    """How well the body stops on stressed words."""
+    """How well moments of the hands fall on stressed words."""
 
     agreement: Agreement
-    lag: float  # s, median: positive where the body stops after the stress; NaN without stops or stresses
+    lag: float  # s, median: positive where the hands come after the stress; NaN without moments or stresses
 
 
 def path_speed(path: Float[np.ndarray, "T 3"], rate_hz: float) -> Float[np.ndarray, " T"]:
@@ -55,18 +58,31 @@ def motion_beats(
     return lowest[speed[lowest] > moving * usual] / rate_hz
 
 
+def strokes(path: Float[np.ndarray, "T 3"], rate_hz: float) -> Times:
+    """Moments that are faster than the movement before and after by half the mean speed or more.
+
+    Raises:
+        ValueError: fewer than 3 frames, or NaN.
+    """
+    return _turns(path, rate_hz, 1.0)
+
+
 def stops(path: Float[np.ndarray, "T 3"], rate_hz: float) -> Times:
-    """Ends of strokes: moments that are slower than the movement before and after by half the mean speed or more.
+    """Moments that are slower than the movement before and after by half the mean speed or more: ends of strokes.
 
     Unlike `motion_beats` they may be full stops, and trembling at rest is none.
 
     Raises:
         ValueError: fewer than 3 frames, or NaN.
     """
+    return _turns(path, rate_hz, -1.0)
+
+
+def _turns(path: Float[np.ndarray, "T 3"], rate_hz: float, sign: float) -> Times:
     speed = path_speed(_finite(path), rate_hz)
     if not speed.mean() > 0.0:
         return np.zeros(0)
-    return find_peaks(-speed, prominence=STOP_DEPTH * speed.mean())[0] / rate_hz
+    return find_peaks(sign * speed, prominence=PROMINENCE * speed.mean())[0] / rate_hz
 
 
 def closeness(events: Times, others: Times, sigma: float = SIGMA) -> float:
@@ -118,16 +134,21 @@ def with_speech(motion: Movement, sounds: Times, joints: Sequence[int] | None = 
     return consistent, aligned
 
 
-def with_stresses(motion: Movement, stresses: Times, joints: Sequence[int] | None = None) -> Stresses:
-    """How near each stressed syllable (s, known from a transcript) is to a stop of a hand, beside chance.
+def with_stresses(
+    motion: Movement, stresses: Times, moments: Moments = "strokes", joints: Sequence[int] | None = None
+) -> Stresses:
+    """How near each stressed syllable (s, known from a transcript) is to a stroke of a hand, beside chance.
+
+    The stroke of a gesture falls on the stressed syllable or just before it (McNeill 1992). Speakers differ in whether
+    the fastest moment ("strokes") or the end of the stroke ("stops") is on it; compare like with like.
 
     Raises:
-        ValueError: less than 3 s of motion, stresses that are no times of it, fewer than 3 frames, NaN, no hands.
+        ValueError: less than 3 s of motion, stresses that are no times of it, NaN, a skeleton without hips or hands.
     """
     body, seconds = from_hips(checked(motion, 3)), len(motion.positions) / motion.rate_hz
-    stresses = _times(stresses, seconds)
+    stresses, find = _times(stresses, seconds), strokes if moments == "strokes" else stops
     joints = [body.skeleton.role(hand) for hand in ("left_hand", "right_hand")] if joints is None else joints
-    found = np.unique(np.concatenate([stops(body.positions[:, joint], body.rate_hz) for joint in joints]))
+    found = np.unique(np.concatenate([find(body.positions[:, joint], body.rate_hz) for joint in joints]))
     score = against_chance(lambda shift: closeness(moved(stresses, shift, seconds), found, STRESS_SIGMA), seconds)
     if not found.size or not stresses.size:
         return Stresses(score, float("nan"))

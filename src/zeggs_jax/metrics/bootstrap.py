@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 LEVEL = 0.95
 DRAWS = 2000
 
-Method = Literal["percentile", "basic"]
+Method = Literal["percentile", "centred"]
 
 
 class Interval(NamedTuple):
@@ -45,8 +45,9 @@ def of_statistic(
 ) -> Interval:
     """Any `statistic` of the numbers of the clips it is computed from, with its interval.
 
-    "percentile" takes the quantiles of the resampled values; "basic" mirrors them at the value, which suits distances
-    between distributions: a resample holds clips twice, so it is farther from the truth than the clips themselves.
+    "percentile" takes the quantiles of the resampled values; "centred" moves them so that their mean is the value,
+    which suits distances between distributions: a resample holds clips twice, so it is farther from the truth than the
+    clips themselves. That the clips, too, are farther from the truth than their whole population stays in the value.
 
     Raises:
         ValueError: no clips, fewer than 1 draw, or a level that is not between 0 and 1.
@@ -60,5 +61,6 @@ def of_statistic(
         return Interval(value, float("nan"), float("nan"))
     draw = np.random.default_rng([seed, clips])
     found = [statistic(draw.integers(0, clips, clips)) for _ in range(draws)]
-    low, high = np.quantile(found, [0.5 * (1.0 - level), 0.5 * (1.0 + level)]).tolist()
-    return Interval(value, low, high) if method == "percentile" else Interval(value, 2 * value - high, 2 * value - low)
+    bounds = np.quantile(found, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
+    low, high = (bounds - (np.mean(found) - value if method == "centred" else 0.0)).tolist()
+    return Interval(value, low, high)

@@ -49,7 +49,11 @@ class _Row:
                 self.add(measure, interval, len(values))
 
     def statistic(
-        self, measure: str, make: Callable[[], Callable[[Pick], float]], clips: int, method: bootstrap.Method = "basic"
+        self,
+        measure: str,
+        make: Callable[[], Callable[[Pick], float]],
+        clips: int,
+        method: bootstrap.Method = "centred",
     ) -> None:
         """A measure of the whole group that is never below zero; `make` prepares what every drawing of clips needs."""
         config = self.config

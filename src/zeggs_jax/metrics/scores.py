@@ -63,7 +63,7 @@ MEASURES: dict[str, Measure] = {
     "beat_consistency_chance": Measure("", "as the truth", "the same with the speech moved in time"),
     "beat_alignment": Measure("", "high", "nearness of beats of the hands to the speech's onsets"),
     "beat_alignment_chance": Measure("", "as the truth", "the same with the speech moved in time"),
-    "stress": Measure("", "high", "nearness of stressed words to stops of the hands"),
+    "stress": Measure("", "high", "nearness of stressed words to strokes of the hands"),
     "stress_chance": Measure("", "as the truth", "the same with the speech moved in time"),
 }
 
