@@ -90,7 +90,8 @@ def test_values_lie_in_their_intervals(found):
     for group in found["groups"].values():
         for measure, entry in group["values"].items():
             if entry["low"] is not None:
-                assert entry["low"] <= entry["value"] <= entry["high"], measure
+                slack = 1e-9 * abs(entry["value"]) + 1e-9
+                assert entry["low"] - slack <= entry["value"] <= entry["high"] + slack, measure
     jerk = found["groups"]["trembling"]["values"]["jerk"]
     assert jerk["low"] < jerk["value"] < jerk["high"]
 

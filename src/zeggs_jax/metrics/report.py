@@ -48,17 +48,11 @@ class _Row:
                 interval = bootstrap.of_mean(np.array(values), self.config.seed, self.config.level, self.config.draws)
                 self.add(measure, interval, len(values))
 
-    def statistic(
-        self,
-        measure: str,
-        make: Callable[[], Callable[[Pick], float]],
-        clips: int,
-        method: bootstrap.Method = "centred",
-    ) -> None:
+    def statistic(self, measure: str, make: Callable[[], Callable[[Pick], float]], clips: int) -> None:
         """A measure of the whole group that is never below zero; `make` prepares what every drawing of clips needs."""
         config = self.config
         try:
-            found = bootstrap.of_statistic(make(), clips, config.seed, config.level, config.draws, method)
+            found = bootstrap.of_statistic(make(), clips, config.seed, config.level, config.draws, "centred")
         except ValueError as error:
             self.refuse(measure, error)
         else:
