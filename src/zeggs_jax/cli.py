@@ -180,8 +180,8 @@ def prepare(
         as_released: Reproduce the release's data pipeline, its errors included.
         rate: Resample the motion to this many frames per second.
         scale: Centimetres per unit of the BVH files; found from the body's size when left out.
-        up: The axis of the files that points up (x, y, z, -x, -y, -z); found when left out.
-        facing: The axis of the hips that points ahead; found when left out.
+        up: The axis of the files that points up: x, y, z, or as --up=-z one of -x, -y, -z; found when left out.
+        facing: The axis of the hips' own frame that points ahead, as for --up; found when left out.
         skeleton: A TOML file with scale, up, facing and, under [roles], the names of hips, spine, head...
         min_frames: Shorter clips cannot be used.
         skip_bad: Leave out clips that cannot be used instead of stopping; OUT/report.json lists them.
@@ -195,7 +195,6 @@ def prepare(
     from .data import prepare as data
 
     corpora.survey(corpus)
-    _prepare_folder(out)
     given = {"scale": scale, "up": up, "facing": facing}
     read = body.read_body(skeleton) if skeleton else body.BodyConfig()
     settings = data.PrepareConfig(
@@ -208,11 +207,9 @@ def prepare(
         body=replace(read, **{name: value for name, value in given.items() if value is not None}),
         speech=replace(data.MENDED.speech, log_mel=log_mel),
     )
+    _prepare_folder(out)
     made = data.prepare(corpus, out, settings, processes)
-    minutes = len(made.pose) * made.frame_time / 60.0
-    print(
-        f"wrote {out}: {len(made.names)} clips, {minutes:.1f} minutes, {made.pipeline}, styles {', '.join(made.styles)}"
-    )
+    print(f"wrote {out}: {data.report.told(made)}")
 
 
 @app.command

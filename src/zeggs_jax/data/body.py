@@ -37,6 +37,9 @@ class BodyConfig:
     def __post_init__(self) -> None:
         if self.scale is not None and not 0 < self.scale < np.inf:
             raise ValueError(f"The scale of a body is {self.scale}; give the cm of one unit, above 0.")
+        for key, axis in (("up", self.up), ("facing", self.facing)):
+            if axis not in ("auto", *AXES):
+                raise ValueError(f"The axis '{key}' of a body is {axis!r}; give one of auto, {', '.join(AXES)}.")
         for pair in self.axes or ():
             up, _, ahead = pair.partition(" ")
             if up not in AXES or ahead not in AXES or up[-1] == ahead[-1]:
@@ -75,7 +78,8 @@ def resolve(clip: Clip, config: BodyConfig, name: str) -> BodyConfig:
     scale = config.scale or _scale(skeleton, name)
     if config.axes and len(config.axes) != len(skeleton):
         raise ValueError(
-            f"'{name}' has {len(skeleton)} joints, axes are given for {len(config.axes)}; they must agree."
+            f"'{name}' has {len(skeleton)} joints, and its axes were found or given for a body of {len(config.axes)}; "
+            "prepare each skeleton by itself."
         )
     up, axes = config.up, config.axes
     if up == "auto" or axes is None:
@@ -110,7 +114,7 @@ def describe(config: BodyConfig) -> str:
     roles = ", ".join(f"{role} {joint}" for role, joint in asdict(config.roles or Roles()).items() if joint)
     turned = "" if not config.axes else ", joints turned to y up and z ahead"
     led = ", joints above the hips moved to them" if config.lead else ""
-    return f"{unit}, {config.up} up, facing {config.facing}{turned}{led}; {roles}"
+    return f"{unit}, {config.up} up, facing {config.facing}{turned}{led}; {roles}".removesuffix("; ")
 
 
 def read_body(path: str | Path) -> BodyConfig:
@@ -120,6 +124,8 @@ def read_body(path: str | Path) -> BodyConfig:
     """
     try:
         table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise OSError(f"'{path}' cannot be read ({error.strerror}); give a TOML file that describes a body.") from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ValueError(f"'{path}' is not TOML ({error}); write lines such as scale = 100.") from None
     roles = table.pop("roles", {})
@@ -133,9 +139,6 @@ def read_body(path: str | Path) -> BodyConfig:
     scale = table.pop("scale", None)
     if scale is not None and type(scale) not in (int, float):
         raise ValueError(f"'{path}' has scale = {scale!r}; give the cm of one unit as a number.")
-    for key, axis in table.items():
-        if axis not in ("auto", *AXES):
-            raise ValueError(f"'{path}' has {key} = {axis!r}; give one of auto, {', '.join(AXES)}.")
     try:
         return BodyConfig(None if scale is None else float(scale), **table, roles=Roles(**roles) if roles else None)
     except ValueError as error:
@@ -171,8 +174,8 @@ def _roles(skeleton: Skeleton, given: Roles, name: str) -> Roles:
     return roles
 
 
-def _scale(skeleton: Skeleton, name: str) -> float:
-    """The cm of one unit in which the body is as tall as a human."""
+def height(skeleton: Skeleton) -> float:
+    """About how tall a body with hips and head stands, in the skeleton's units, by the lengths of its bones."""
     lengths = np.linalg.norm(skeleton.offsets, axis=-1)
     hips = skeleton.role("hips")
 
@@ -183,11 +186,16 @@ def _scale(skeleton: Skeleton, name: str) -> float:
     assert skeleton.roles is not None
     feet = [below_hips(role) for role in ("left_foot", "right_foot") if getattr(skeleton.roles, role)]
     trunk = below_hips("head")
-    height = TALLER * (trunk + max(feet)) if feet and max(feet) > 0 else 2.4 * trunk
+    return TALLER * (trunk + max(feet)) if feet and max(feet) > 0 else 2.4 * trunk
+
+
+def _scale(skeleton: Skeleton, name: str) -> float:
+    """The cm of one unit in which the body is as tall as a human."""
+    tall = height(skeleton)
     for cm in UNITS_CM.values():
-        if HUMAN_CM[0] <= height * cm < HUMAN_CM[1]:
+        if HUMAN_CM[0] <= tall * cm < HUMAN_CM[1]:
             return cm
     raise ValueError(
-        f"'{name}' has a body {height:.4g} units tall, which is no human height in {', '.join(UNITS_CM)}; "
+        f"'{name}' has a body {tall:.4g} units tall, which is no human height in {', '.join(UNITS_CM)}; "
         "give its scale, the cm of one unit."
     )

@@ -8,9 +8,8 @@ where it was, and the result has the same bytes.
 import errno
 import json
 import os
-import shutil
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, replace
 from itertools import zip_longest
 from pathlib import Path
@@ -52,6 +51,10 @@ def prepare(
     ChildProcessError when a worker dies, KeyboardInterrupt after Ctrl-C, each with a sentence.
     """
     folder, out = Path(folder), Path(out)
+    if processes is not None and processes < 1:
+        raise ValueError(f"{processes} processes were asked for; give at least 1.")
+    if out.resolve() == folder.resolve():
+        raise ValueError(f"'{out}' is the corpus itself; name another folder for its arrays.")
     if config.save_trimmed and out.resolve().is_relative_to(folder.resolve()):
         raise ValueError(f"'{out}' lies in the corpus, where trimmed clips would be taken for its own; name another.")
     plan = _plan(folder, out, config)
@@ -65,8 +68,16 @@ def prepare(
             partial = out / f"{MANIFEST}.partial"
             partial.write_text(json.dumps(manifest, indent=1) + "\n")
             os.replace(partial, out / MANIFEST)
-    shutil.rmtree(out / CLIPS, ignore_errors=True)
+    _clear(out / CLIPS)
     return load(out)
+
+
+def _clear(folder: Path) -> None:
+    """Remove the shards, and their folder unless something else lies in it."""
+    for path in [*folder.glob(f"{shard.NAMES}*"), *folder.glob("look.npy*")]:
+        path.unlink(missing_ok=True)
+    with suppress(OSError):
+        folder.rmdir()
 
 
 def made_of(folder: str | Path, config: PrepareConfig = MENDED) -> str:
@@ -160,14 +171,17 @@ def _unlike(first: tuple[Job, Body], job: Job, b: Body) -> Problem | None:
     return Problem(
         job.entry.name,
         f"'{file}' has {len(found)} joints, '{name}' {len(expected)}, and one skeleton was expected; first "
-        f"different joint: '{differ[0][0]}'.",
+        f"different joint: '{differ[0][0]}'; prepare each skeleton by itself.",
     )
 
 
 def _join(jobs: list[Job], body: Body, out: Path) -> dict[str, Any]:
     """The final arrays and their statistics, one clip in memory at a time; what the manifest says of them."""
     if all(job.entry.split != "train" for job in jobs):
-        raise ValueError("All clips of the corpus are in the split 'valid'; put at least one into 'train'.")
+        raise ValueError(
+            "All clips that can be used are in the split 'valid'; put at least one into 'train' in the column split "
+            "of corpus.csv (or validation of info.csv)."
+        )
     config, styles, clips, training = jobs[0].config, sorted({job.entry.style for job in jobs}), [], []
     total: tuple[Moments, ...] | None = None
     with ExitStack() as stack:

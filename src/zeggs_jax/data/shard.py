@@ -19,6 +19,7 @@ from zeggs_jax.data.statistics import Moments
 from zeggs_jax.motion.skeleton import Skeleton
 
 VERSION = 1  # of what `prepare` computes from a clip; one more makes all shards of older versions stale
+NAMES = "[0-9a-f]" * 32 + ".npz"  # of all shards, as a glob
 
 
 class Rows(NamedTuple):

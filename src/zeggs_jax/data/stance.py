@@ -68,6 +68,8 @@ class Stance:
         rise = _unit(np.einsum("tab,tb->ta", into, self.places[:, head] - self.places[:, hips])).mean(axis=0)
         if facing != "auto":
             known = _vector(facing)
+            if _dominant(rise)[-1] == facing[-1]:
+                raise ValueError(f"'{name}' has its head along the hips' own {facing[-1]}: they cannot face {facing}.")
             tall = _vector(_dominant(rise * (known == 0)))
             return np.stack([np.cross(tall, known), tall, known])
         left, right = _sides(skeleton, self.places, name)
