@@ -81,11 +81,11 @@ def manners(model, ruler: Ruler, folder: Path, voices: Mapping[str, np.ndarray])
             row = rollouts.shown(model, ruler, factors, clip, wave, frames)
             rows.append({"name": name, "real": voice.startswith("real"), **row})
     seen = [row for row in rows if row["name"] not in styles.HELD_OUT]
+    heard = {"synthetic": [row for row in seen if not row["real"]], "real": [row for row in seen if row["real"]]}
     return {
         "seen_share": ledger.mean(seen, "share"),
         "held_out_share": ledger.mean([row for row in rows if row["name"] in styles.HELD_OUT], "share"),
-        **{f"{c}_synthetic": ledger.mean([r for r in seen if not r["real"]], c) for c in ("matched", "shifted")},
-        **{f"{c}_real": ledger.mean([r for r in seen if r["real"]], c) for c in ("matched", "shifted")},
+        **{f"{c}_{kind}": ledger.mean(of, c) for kind, of in heard.items() if of for c in ("matched", "shifted")},
     }
 
 
