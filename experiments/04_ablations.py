@@ -64,7 +64,7 @@ def length_jobs(
             seconds = LENGTH_START + max(LENGTHS)
             clip = truth.example(out / "examples", name, factors, seconds, truth.EXAMPLE_SEED + 100 * seed)
             for length in LENGTHS:
-                frames = tuple(round(t * truth.RATE_HZ) for t in (LENGTH_START, LENGTH_START + length))
+                frames = round(LENGTH_START * truth.RATE_HZ), round((LENGTH_START + length) * truth.RATE_HZ)
                 for voice, wave in waves.items():
                     job = f"length {length:g}/{name}/{seed}/{voice}"
                     found[job] = partial(rollouts.shown, model, ruler, factors, clip, wave, frames)
