@@ -1,13 +1,15 @@
 """Mirrors and paces: images of images, encoded mirrors, velocities that lead from pose to pose."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from zeggs_jax.data import augment
-from zeggs_jax.data.augment import Piece
-from zeggs_jax.data.rows import played_ranges
+from zeggs_jax.data.rows import played_ranges, played_times
+from zeggs_jax.data.windows import Piece, Times
 from zeggs_jax.geometry import quaternion, rotation
 from zeggs_jax.motion import edit, features
 from zeggs_jax.motion.bvh import Clip
@@ -20,6 +22,7 @@ OFFSETS = np.array(
     [*([0, 90, 0], [0, 10, -2], [0, 20, 1], [0, 25, 2]), *([15, 12, 0], [28, -3, 1], [-15, 12, 0], [-28, -3, 1])], float
 )
 FRAME_TIME = 1 / 60
+play = jax.jit(partial(augment.play, frame_time=FRAME_TIME))
 
 
 def make_clip(offsets=OFFSETS, frames: int = 90) -> Clip:
@@ -53,7 +56,9 @@ def played(clip: Clip, pace: float, first: int = 0) -> Piece:
     """A whole clip at a pace."""
     piece = piece_of(clip)
     ((_, frames),) = played_ranges(np.array([[0, len(piece.pose)]], np.int32), pace)
-    return augment.play(piece, np.arange(first - 1, frames) * pace, pace, FRAME_TIME, most=192)
+    count = int(frames) - first
+    at = played_times(first, count, count, pace)
+    return play(piece, Times(np.float32(pace), at.astype(np.int32), (at % 1).astype(np.float32)))
 
 
 @pytest.fixture(scope="module")
@@ -151,3 +156,16 @@ def test_from_a_later_frame_on_the_clip_plays_the_same(clip):
     whole, later = played(clip, 1.07), played(clip, 1.07, first=20)
     for x, y in zip(whole, later, strict=True):
         np.testing.assert_allclose(y, x[20:], rtol=1e-4, atol=5e-3)
+
+
+def test_statistics_with_the_images(clip):
+    """From the moments alone; and what moves on one side only is seen to move on both."""
+    piece, by = piece_of(clip), mirror_of(clip)
+    left, right = (slice(-3 * 8 + 3 * joint, -3 * 8 + 3 * joint + 3) for joint in (5, 7))  # how the hands turn
+    piece.pose[:, right] = 0.0
+    ours = augment.with_images(moments(piece.pose), by)
+    expected = moments(np.concatenate([piece.pose, augment.mirror(piece, by).pose]))
+    for x, y in zip(ours, expected, strict=True):
+        np.testing.assert_allclose(x, y, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(ours.squares[right], ours.squares[left], rtol=1e-6)
+    assert (ours.squares[right] > 1).all()

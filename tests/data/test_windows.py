@@ -1,6 +1,7 @@
 """Windows and style examples: inside their clip, around their window, the same for the same (seed, k)."""
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import numpy as np
@@ -8,11 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from zeggs_jax.data import augment
 from zeggs_jax.data import windows as windows_of
-from zeggs_jax.data.draws import WindowConfig
+from zeggs_jax.data.draws import WindowConfig, draw
 from zeggs_jax.data.prepare import Prepared
 from zeggs_jax.data.rows import example_rows, released_example_rows, window_count
-from zeggs_jax.data.windows import batch
+from zeggs_jax.data.windows import Recorded, batch
 from zeggs_jax.motion.pose import to_vector
 
 AUGMENTED = WindowConfig(batch=16, window=24, example=(24, 48))
@@ -70,7 +72,7 @@ def test_a_batch_is_a_function_of_seed_and_number(prepared: Prepared, config):
     first, again, other, seed = (batch(prepared, s, k, config) for s, k in ((3, 7), (3, 7), (3, 8), (4, 7)))
     jax.tree.map(np.testing.assert_array_equal, first, again)
     for different in (other, seed):
-        assert not np.array_equal(first.speech, different.speech)
+        assert not np.array_equal(jax.tree.leaves(first)[0], jax.tree.leaves(different)[0])
 
 
 @pytest.mark.parametrize("split", ["train", "valid"])
@@ -81,6 +83,7 @@ def test_shares_put_together_are_the_batch(prepared: Prepared, split, config):
         for count in (1, 2, 4):
             parts = [batch(prepared, 2, k, config, split, (i, count)) for i in range(count)]
             assert {len(part.label) for part in parts} == {16 // count}
+            assert {type(part) for part in parts} == {type(whole)}
             jax.tree.map(lambda x, *xs: np.testing.assert_array_equal(np.concatenate(xs), x), whole, *parts)
 
 
@@ -92,15 +95,15 @@ def test_a_share_that_is_none_is_refused(prepared: Prepared, share):
 
 def test_a_share_reads_its_own_rows_only(prepared: Prepared, monkeypatch):
     made = []
-    piece = windows_of._piece
-    monkeypatch.setattr(windows_of, "_piece", lambda p, drawn, b, config: made.append(b) or piece(p, drawn, b, config))
+    rows = windows_of.example_rows
+    monkeypatch.setattr(windows_of, "example_rows", lambda *around: made.append(around[0][0]) or rows(*around))
     batch(prepared, 0, 0, AUGMENTED, share=(1, 4))
-    assert sorted(made) == [4, 5, 6, 7]
+    assert sorted(made) == sorted(draw(prepared, 0, 0, AUGMENTED, "train").first[4:8])
 
 
 def test_shapes_depend_on_the_config_alone(prepared: Prepared):
-    shapes = {str(jax.tree.map(np.shape, batch(prepared, 0, k, SMALL))) for k in range(5)}
-    assert len(shapes) == 1
+    for config in (SMALL, AUGMENTED, replace(AUGMENTED, mirror=0.0), replace(AUGMENTED, pace=0.0)):
+        assert len({str(jax.tree.map(np.shape, batch(prepared, 0, k, config))) for k in range(5)}) == 1
     one = batch(prepared, 0, 0, SMALL)
     assert one.speech.shape == (16, 24, 81)
     assert one.poses.joint_axes.shape == (16, 24, 8, 2, 3)
@@ -128,6 +131,34 @@ def test_windows_are_frames_of_one_clip_with_its_label_and_example(prepared: Pre
             assert prepared.ranges[clip, 0] <= example[0]
             assert example[-1] < prepared.ranges[clip, 1]
             np.testing.assert_array_equal(b.example[i, b.example_length[i] :], 0)
+
+
+@pytest.mark.parametrize("changed", [{}, {"mirror": 0.0}, {"pace": 0.0}], ids=["both", "paced", "mirrored"])
+def test_augmented_are_the_windows_that_were_recorded(prepared: Prepared, changed):
+    """Examples hold their windows; what is heard is the speech of the clip, at the pace that was drawn."""
+    config = replace(AUGMENTED, **changed)
+    by = augment.mirror_of(prepared.skeleton, prepared.across)
+    step = jax.jit(jax.vmap(partial(augment.augment, by=by, window=24, frame_time=prepared.frame_time)))
+    for k in range(3):
+        drawn, recorded = draw(prepared, 1, k, config, "train"), batch(prepared, 1, k, config)
+        assert isinstance(recorded, Recorded)
+        b = step(recorded)
+        assert b.example.shape == (16, 48, 126)
+        vectors = np.asarray(to_vector(b.poses))
+        for i, clip in enumerate(drawn.clip):
+            start, length = recorded.start[i], recorded.length[i]
+            np.testing.assert_allclose(vectors[i], b.example[i, start : start + 24], rtol=1e-5, atol=1e-5)
+            np.testing.assert_array_equal(b.example[i, length:], 0)
+            first, stop = prepared.ranges[clip]
+            at = (drawn.first[i] - first + np.arange(24)) * drawn.pace
+            assert at[-1] <= stop - first - 1 + 1e-6
+            heard = [np.interp(at, np.arange(stop - first), column) for column in prepared.speech[first:stop].T]
+            np.testing.assert_allclose(b.speech[i], np.transpose(heard), atol=1e-4)
+            side = -1 if drawn.mirrored[i] else 1
+            np.testing.assert_array_equal(b.gaze[i], prepared.gaze[clip] * np.array([side, 1, 1], np.float32))
+            x = np.interp(at, np.arange(stop - first), prepared.root_pos[first:stop, 0])
+            np.testing.assert_allclose(b.poses.root.pos[i, :, 0], side * x, atol=1e-3)
+            assert (drawn.mirrored.any(), drawn.pace != 1) == ("mirror" not in changed, "pace" not in changed)
 
 
 def test_every_window_and_length_is_drawn(prepared: Prepared):

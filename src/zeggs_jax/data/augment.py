@@ -1,31 +1,21 @@
 """Augmentation (ZeroEGGS Sec. 4.1): motion and speech played faster or slower, bodies seen in a mirror.
 
 A clip played at pace p is a clip of fewer or more frames at the same frame time: its frame i shows what the clip
-shows at frame i p. Written for one piece of a clip.
+shows at frame i p. Written for one example of a batch, for the training step to map over all of them.
 """
 
-from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Float32, Int
 
+from zeggs_jax.data.statistics import Moments, merge
+from zeggs_jax.data.windows import Batch, Piece, Recorded, Times
 from zeggs_jax.motion import pose as poses
-from zeggs_jax.motion.pose import Root, from_vector, to_vector
+from zeggs_jax.motion.pose import Pose, Root, from_vector, to_vector
 from zeggs_jax.motion.skeleton import Skeleton
-
-Values = np.ndarray | Array
-
-
-class Piece(NamedTuple):
-    """T frames of one clip, as a prepared corpus stores them."""
-
-    speech: Float[Values, "T S"]
-    pose: Float[Values, "T D"]  # pose vectors, see motion/pose.py
-    root_pos: Float[Values, "T 3"]  # cm, world
-    root_rot: Float[Values, "T 4"]  # world
 
 
 class Mirror(NamedTuple):
@@ -36,80 +26,92 @@ class Mirror(NamedTuple):
     shift: Float32[np.ndarray, " D"]  # cm in the columns of joint positions; 0 where both sides are alike
 
 
-def play(clip: Piece, at: Float[np.ndarray, " F"], pace: float, frame_time: float, most: int) -> Piece:
-    """What a whole clip shows at the times `at[1:]` (in frames, `pace` apart); `at[0]` is the time before them.
+SEEN, TURNED = np.array([-1, 1, 1], np.float32), np.array([1, 1, -1, -1], np.float32)  # points, rotations of the root
+POINT = Mirror(np.arange(3), SEEN, np.zeros(3, np.float32))
+
+
+def augment(recorded: Recorded, by: Mirror | None, window: int, frame_time: float) -> Batch:
+    """The window of `window` frames and its example, of one row of a batch, as the networks are to see them."""
+    piece, times = recorded.piece, recorded.times
+    if times is not None:
+        piece = play(piece, times, frame_time)
+    gaze = jnp.asarray(recorded.gaze)
+    if (mirrored := recorded.mirrored) is not None:
+        if by is None:
+            raise ValueError("Windows of a body without a mirror cannot be mirrored; set windows.mirror to 0.")
+        image = mirror(piece, by)
+        piece = jax.tree.map(lambda x, y: jnp.where(mirrored, y, x), piece, image)
+        gaze = jnp.where(mirrored, gaze * SEEN, gaze)
+    speech, pose, *root = (jax.lax.dynamic_slice_in_dim(x, recorded.start, window) for x in piece)
+    there = jnp.arange(len(piece.pose)) < recorded.length
+    return Batch(
+        speech=speech,
+        poses=from_vector(pose, Root(*root)),
+        gaze=gaze,
+        example=jnp.where(there[:, None], piece.pose, 0.0),
+        example_length=jnp.asarray(recorded.length),
+        label=jnp.asarray(recorded.label),
+    )
+
+
+def play(piece: Piece, times: Times, frame_time: float) -> Piece:
+    """What a piece [R, ...] shows at F times; of the time before them too, at which nothing is shown.
 
     Features, positions and roots lie on lines between the frames, rotations turn the shorter way. Velocities
     are those of the played motion: of the root by differences, of joints the mean over the time between two
-    played frames, times the pace (for positions that is the difference). Before its first frame the clip moves
-    as in the first. Compiled once for up to `most` frames.
+    played frames, times the pace (for positions that is the difference). Before its first frame a clip moves
+    as in the first.
     """
-    at = np.maximum(at, 0.0)
-    left = at.astype(np.int64)
-    right, weight = np.minimum(left + 1, len(clip.pose) - 1), (at - left).astype(np.float32)
-    near, far = (Piece(*(x[rows[1:]] for x in clip)) for rows in (left, right))
-    w = weight[1:, None]
-    pose, joints = near.pose, (near.pose.shape[1] - 6) // 15
-    still, axes, moving = (slice(6 + a * joints, 6 + b * joints) for a, b in ((0, 3), (3, 9), (9, 15)))
-    before, after = (_root(clip.root_pos[rows], clip.root_rot[rows]) for rows in (left, right))
-    turned = _turn(near.pose[:, axes], far.pose[:, axes], before, after, weight, frame_time, most)
+    piece = Piece(*map(jnp.asarray, piece))
+    pace, row, weight = map(jnp.asarray, times)
+    shown, w = row[1:], weight[1:]
+    near, far, older = (_pose(piece, rows) for rows in (shown, _next(shown, piece), jnp.maximum(shown - 1, 0)))
+    root = poses.blend_roots(_root(piece, row), _root(piece, _next(row, piece)), weight)
+    before, root = (jax.tree.map(lambda x, cut=cut: x[cut], root) for cut in (slice(None, -1), slice(1, None)))
 
-    pose[:, still] += w * (far.pose[:, still] - pose[:, still])
-    pose[:, axes] = turned.axes
     # the velocities of frame t hold from t - 1 to t: what part of the time from at - pace to at is whose
-    ahead = np.minimum(w, np.float32(pace))
-    here = np.minimum(np.float32(pace) - ahead, 1.0)
-    behind = np.float32(pace) - ahead - here
-    older = np.flatnonzero(behind > 0)
-    for part in (slice(0, 6), moving):
-        pose[:, part] = here * pose[:, part] + ahead * far.pose[:, part]
-        pose[older, part] += behind[older] * clip.pose[np.maximum(left[1:][older] - 1, 0), part]
-    known = at[1:] >= pace  # the frame before is in the clip
-    pose[known, :6] = turned.velocities[known]
-    return Piece(near.speech + w * (far.speech - near.speech), pose, turned.root.pos, turned.root.rot)
+    ahead = jnp.minimum(w, pace)
+    here = jnp.minimum(pace - ahead, 1.0)
+    behind = pace - ahead - here
+
+    def velocity(name: str) -> Array:
+        parts = [_times(share, getattr(p, name)) for share, p in ((ahead, far), (here, near), (behind, older))]
+        return parts[0] + parts[1] + parts[2]
+
+    moved = (row[1:] != row[:-1]) | (weight[1:] != weight[:-1])  # else there is no frame before
+    led = poses.velocities(before, root, frame_time)
+    root_vel, root_ang = (
+        jnp.where(moved[:, None], ours, velocity(name))
+        for ours, name in zip(led, ("root_vel", "root_ang"), strict=True)
+    )
+    pose = Pose(
+        root=root,
+        root_vel=root_vel,
+        root_ang=root_ang,
+        joint_pos=near.joint_pos + _times(w, far.joint_pos - near.joint_pos),
+        joint_axes=poses.blend_axes(near.joint_axes, far.joint_axes, w[:, None]),
+        joint_vel=velocity("joint_vel"),
+        joint_ang=velocity("joint_ang"),
+    )
+    heard, coming = piece.speech[shown], piece.speech[_next(shown, piece)]
+    return Piece(heard + _times(w, coming - heard), to_vector(pose), *root)
 
 
-def _root(pos: Any, rot: Any) -> Root:
-    """A root of numpy arrays."""
-    return Root(pos, rot)
+def _next(rows: Int[Array, " F"], piece: Piece) -> Int[Array, " F"]:
+    return jnp.minimum(rows + 1, len(piece.pose) - 1)
 
 
-class _Turned(NamedTuple):
-    """What `play` leaves to geometry."""
-
-    axes: Float[Values, "T 6*J"]
-    velocities: Float[Values, "T 6"]  # of the root, from the frame before
-    root: Root
+def _root(piece: Piece, rows: Int[Array, " F"]) -> Root:
+    return Root(piece.root_pos[rows], piece.root_rot[rows])  # pyright: ignore[reportArgumentType]  arrays of JAX
 
 
-def _turn(near, far, before: Root, after: Root, weight: np.ndarray, frame_time: float, most: int) -> _Turned:
-    """Axes of T frames and roots of those and the one before, between two each; padded to `most`, on the CPU."""
-    frames, missing = len(near), most - len(near)
-    arrays = ((near, far, weight[1:]), (before, after, weight))
-    padded = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], missing, axis=0)]), arrays)
-    with jax.default_device(_host()):
-        turned = _blend(*padded, np.float32(frame_time))
-    return jax.tree.map(lambda x: np.asarray(x)[:frames], turned)
+def _pose(piece: Piece, rows: Int[Array, " F"]) -> Pose:
+    return from_vector(piece.pose[rows], _root(piece, rows))
 
 
-@jax.jit
-def _blend(axes: tuple, roots: tuple, frame_time: Array) -> _Turned:
-    near, far, weight = axes
-    pairs = (len(near), -1, 2, 3)
-    blended = poses.blend_axes(near.reshape(pairs), far.reshape(pairs), weight[:, None])
-    root = poses.blend_roots(*roots)
-    first, then = (jax.tree.map(lambda x, cut=cut: x[cut], root) for cut in (slice(None, -1), slice(1, None)))
-    velocities = jnp.concatenate(poses.velocities(first, then, frame_time), axis=-1)
-    return _Turned(blended.reshape(near.shape), velocities, then)
-
-
-@cache
-def _host() -> jax.Device | None:  # pyright: ignore[reportInvalidTypeForm]
-    """The CPU, whatever the step runs on; None where JAX was told to do without."""
-    try:
-        return jax.local_devices(backend="cpu")[0]
-    except RuntimeError:
-        return None
+def _times(weight: Float[Array, " F"], values: Float[Array, "F *b"]) -> Float[Array, "F *b"]:
+    """Every frame by its own weight."""
+    return weight.reshape(-1, *(1,) * (values.ndim - 1)) * values
 
 
 def mirror_of(skeleton: Skeleton, across: tuple[int, ...]) -> Mirror:
@@ -119,19 +121,26 @@ def mirror_of(skeleton: Skeleton, across: tuple[int, ...]) -> Mirror:
     change them, so that world positions are the image only up to the asymmetry (see edit.mirror, keep_offsets).
     """
     joints = len(skeleton)
-    numbers = np.arange(1, poses.size(joints) + 1, dtype=np.float32)
-    image = np.asarray(to_vector(poses.mirror(from_vector(numbers, _root(np.zeros(3), np.zeros(4))), across)))
-    other_side = skeleton.offsets[np.asarray(across)] * np.array([-1.0, 1.0, 1.0])
+    numbers, still = np.arange(1, poses.size(joints) + 1, dtype=np.float32), Root(jnp.zeros(3), jnp.zeros(4))
+    image = np.asarray(to_vector(poses.mirror(from_vector(numbers, still), across)))
+    other_side = skeleton.offsets[np.asarray(across)] * SEEN
     shift = np.zeros(len(numbers), np.float32)
     shift[9 : 6 + 3 * joints] = (skeleton.offsets - other_side)[1:].ravel()
     return Mirror(np.abs(image).astype(np.int64) - 1, np.sign(image), shift)
 
 
 def mirror(piece: Piece, by: Mirror) -> Piece:
-    """The piece with the body seen in the mirror x = 0; what is heard stays."""
-    pose = np.take(np.asarray(piece.pose), by.columns, axis=-1)
-    pose *= by.signs
-    if by.shift.any():
-        pose += by.shift
-    pos = piece.root_pos * np.array([-1, 1, 1], np.float32)
-    return Piece(piece.speech, pose, pos, piece.root_rot * np.array([1, 1, -1, -1], np.float32))
+    """The piece [R, ...] with the body seen in the mirror x = 0; what is heard stays."""
+    speech, pose, pos, rot = map(jnp.asarray, piece)
+    return Piece(speech, pose[:, by.columns] * by.signs[None] + by.shift[None], pos * SEEN[None], rot * TURNED[None])
+
+
+def with_images(moments: Moments, by: Mirror) -> Moments:
+    """Of rows and their mirror images, from the moments of the rows.
+
+    Columns that differ from their image by the rounding of float32 alone (bone offsets) are taken as their own.
+    """
+    mean = moments.mean[by.columns] * by.signs + by.shift
+    rounding = 1e-6 * (np.abs(moments.mean) + np.abs(by.shift))
+    mean = np.where(np.abs(mean - moments.mean) <= rounding, moments.mean, mean)
+    return merge(moments, Moments(moments.count, mean, moments.squares[by.columns]))

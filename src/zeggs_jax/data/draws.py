@@ -44,6 +44,13 @@ class WindowConfig:
 PAPER = WindowConfig()
 
 
+class Spread(NamedTuple):
+    """How windows are augmented."""
+
+    mirror: float  # share of them that is mirrored
+    pace: float  # how far the pace goes from 1
+
+
 class Draws(NamedTuple):
     """What a batch is made of: all of its randomness."""
 
@@ -62,7 +69,7 @@ def draw(prepared: Prepared, seed: int, k: int, config: WindowConfig, split: str
     mirrored, faster = other.random(config.batch) < mirror, float(other.uniform(-1, 1))
     pace = 1.0 + spread * faster
     ranges, longest = prepared.ranges, _longest(prepared, config, split)
-    if pace != 1.0:  # one at which the longest clip still holds a window
+    if spread:  # one at which the longest clip still holds a window
         pace = min(pace, (longest - 1) / max(config.window - 1, 1))
         ranges = played_ranges(ranges, pace)
     clips, first = _draw_windows(ranges, prepared.clips(split), random, config)
@@ -73,11 +80,11 @@ def draw(prepared: Prepared, seed: int, k: int, config: WindowConfig, split: str
     return Draws(clips, first, lengths, mirrored, pace, ranges)
 
 
-def augmentation(config: WindowConfig, prepared: Prepared, split: str = "train") -> tuple[float, float]:
-    """Share of windows that are mirrored, and how far the pace goes from 1, once None is decided."""
+def augmentation(config: WindowConfig, prepared: Prepared, split: str = "train") -> Spread:
+    """What the config asks for, once None is decided; nothing for other splits than the training's."""
     as_released = config.as_released or bool(prepared.config.get("as_released"))
     if split != "train":
-        return 0.0, 0.0
+        return Spread(0.0, 0.0)
     across = prepared.across
     if config.mirror and across is None:
         raise ValueError(
@@ -85,7 +92,7 @@ def augmentation(config: WindowConfig, prepared: Prepared, split: str = "train")
             "cannot be mirrored; set windows.mirror to 0 or leave it out."
         )
     mirror = config.mirror if config.mirror is not None else 0.0 if as_released or across is None else MIRROR
-    return mirror, config.pace if config.pace is not None else 0.0 if as_released else PACE
+    return Spread(mirror, config.pace if config.pace is not None else 0.0 if as_released else PACE)
 
 
 def _longest(prepared: Prepared, config: WindowConfig, split: str) -> int:

@@ -1,7 +1,9 @@
 """Which frames of a clip make a window, a style example around it, and the clip played at another pace."""
 
+import math
+
 import numpy as np
-from jaxtyping import Int32
+from jaxtyping import Float64, Int32
 
 
 def window_count(ranges: Int32[np.ndarray, "C 2"], window: int, as_released: bool = False) -> Int32[np.ndarray, " C"]:
@@ -38,3 +40,17 @@ def played_ranges(ranges: Int32[np.ndarray, "C 2"], pace: float) -> Int32[np.nda
     """First and last row + 1 of every clip as if it were played at `pace` from its first row on."""
     frames = np.floor((ranges[:, 1] - ranges[:, 0] - 1) / pace + 1e-9).astype(np.int32) + 1
     return np.stack([ranges[:, 0], ranges[:, 0] + frames], axis=1)
+
+
+def rows_to_play(frames: int, pace: float) -> int:
+    """Rows of a clip at most that lie around so many played frames and the one before them."""
+    return math.floor(frames * pace) + 3
+
+
+def played_times(first: int, frames: int, most: int, pace: float) -> Float64[np.ndarray, " F"]:
+    """When `frames` frames of a played clip are, from frame `first` on, in frames of the clip as it is.
+
+    The time of the frame before comes first, that of the last frame again and again up to `most`.
+    """
+    number = np.minimum(np.arange(most + 1), frames) + (first - 1)
+    return np.maximum(number, 0) * pace

@@ -3,29 +3,59 @@
 Batch k is a pure function of (seed, k): nothing is shuffled or remembered, so training resumes anywhere.
 """
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Array, Bool, Float, Float32, Int, Int32
 
-from zeggs_jax.data import augment
-from zeggs_jax.data.augment import Piece
-from zeggs_jax.data.draws import PAPER, Draws, WindowConfig, draw
+from zeggs_jax.data.draws import PAPER, Draws, Spread, WindowConfig, augmentation, draw
 from zeggs_jax.data.prepared import Prepared
-from zeggs_jax.data.rows import example_rows, released_example_rows
+from zeggs_jax.data.rows import example_rows, played_times, released_example_rows, rows_to_play
 from zeggs_jax.motion.pose import Pose, Root, from_vector
+
+Values = np.ndarray | Array  # numpy as it is made, of JAX in the step
 
 
 class Batch(NamedTuple):
     """B windows of T frames, examples padded to M; shapes depend on the config alone: nothing recompiles."""
 
-    speech: Float32[np.ndarray, "B T S"]
+    speech: Float32[Values, "B T S"]
     poses: Pose  # [B, T, ...]
-    gaze: Float32[np.ndarray, "B 3"]  # cm, world
-    example: Float32[np.ndarray, "B M D"]  # unscaled pose vectors without gaze; zeros behind example_length
-    example_length: Int32[np.ndarray, " B"]
-    label: Int32[np.ndarray, " B"]
+    gaze: Float32[Values, "B 3"]  # cm, world
+    example: Float32[Values, "B M D"]  # unscaled pose vectors without gaze; zeros behind example_length
+    example_length: Int32[Values, " B"]
+    label: Int32[Values, " B"]
+
+
+class Piece(NamedTuple):
+    """R frames of one clip, as a prepared corpus stores them."""
+
+    speech: Float[Values, "*B R S"]
+    pose: Float[Values, "*B R D"]  # pose vectors, see motion/pose.py
+    root_pos: Float[Values, "*B R 3"]  # cm, world
+    root_rot: Float[Values, "*B R 4"]  # world
+
+
+class Times(NamedTuple):
+    """When the F - 1 frames of a played piece are, and the one before them: `row + weight`, in frames of the piece."""
+
+    pace: Float[Values, "*B"]  # apart; where a clip starts, the time before is that of its first frame
+    row: Int[Values, "*B F"]
+    weight: Float[Values, "*B F"]  # 0 to 1
+
+
+class Recorded(NamedTuple):
+    """What a batch is made of by `augment.augment`: B examples as they are in the corpus, padded to R frames."""
+
+    piece: Piece
+    gaze: Float32[Values, "B 3"]
+    label: Int32[Values, " B"]
+    start: Int32[Values, " B"]  # frame of the example at which its window starts
+    length: Int32[Values, " B"]  # of the example
+    mirrored: Bool[Values, " B"] | None  # None: no batch of the run has mirrored windows
+    times: Times | None  # None: none is played at another pace
 
 
 def batch(
@@ -35,48 +65,22 @@ def batch(
     config: WindowConfig = PAPER,
     split: str = "train",
     share: tuple[int, int] = (0, 1),
-) -> Batch:
+) -> Batch | Recorded:
     """Batch number k: windows drawn evenly from all clips of the split, example lengths from all even ones.
 
     `share` (i, n) gives the i-th of n equal parts of the batch, and makes no more than that. An example lies
     around its window, shifted where the clip ends, and shorter than drawn only where the whole clip is.
-    Windows of the training split are mirrored and played at another pace (ZeroEGGS Sec. 4.1), with their
-    examples, speech and gaze. Raises ValueError when no clip of the split is as long as a window, or when the
-    batch has no n equal parts.
+    Where the windows are to be mirrored or played at another pace (ZeroEGGS Sec. 4.1; the training split's
+    only), with their examples, speech and gaze, they come as `Recorded`, and the step augments them. Raises
+    ValueError when no clip of the split is as long as a window, or when the batch has no n equal parts.
     """
+    spread = augmentation(config, prepared, split)
     drawn = draw(prepared, seed, k, config, split)
     part = _part(config.batch, share)
-    clips, mirrored = drawn.clip[part], drawn.mirrored[part]
-    count, (_, longest) = len(clips), config.example
-    windows = [np.zeros((count, config.window, x.shape[1]), np.float32) for x in _arrays(prepared)]
-    example = np.zeros((count, longest, prepared.pose.shape[1]), np.float32)
-    example_length = np.zeros(count, np.int32)
-    across = prepared.across
-    image = augment.mirror_of(prepared.skeleton, across) if mirrored.any() and across else None
-
-    def fill(b: int) -> None:
-        piece, start = _piece(prepared, drawn, part.start + b, config)
-        piece = augment.mirror(piece, image) if mirrored[b] and image else piece
-        example_length[b] = len(piece.pose)
-        example[b, : len(piece.pose)] = piece.pose
-        for window, frames in zip(windows, piece, strict=True):
-            window[b] = frames[start : start + config.window]
-
-    with ThreadPoolExecutor() as pool:  # copying leaves Python's lock free
-        list(pool.map(fill, range(count)))
-    speech, pose, pos, rot = windows
-    flip = np.where(mirrored[:, None], np.array([-1, 1, 1], np.float32), np.float32(1))
-    return Batch(
-        speech=speech,
-        poses=from_vector(pose, Root(pos, rot)),  # pyright: ignore[reportArgumentType]  numpy, not yet on a device
-        gaze=prepared.gaze[clips] * flip,
-        example=example,
-        example_length=example_length,
-        label=prepared.labels[clips],
-    )
+    return _recorded(prepared, drawn, part, config, spread) if any(spread) else _plain(prepared, drawn, part, config)
 
 
-def _part(size: int, share: tuple[int, int]) -> slice:
+def _part(size: int, share: tuple[int, int]) -> range:
     """Rows of a batch that make up a share of it."""
     index, count = share
     if not 0 <= index < count or size % max(count, 1):
@@ -84,26 +88,80 @@ def _part(size: int, share: tuple[int, int]) -> slice:
             f"Share {index} of {count} of a batch of {size} windows is none of equal parts; give a batch size that "
             "the number of processes divides."
         )
-    return slice(size // count * index, size // count * (index + 1))
+    return range(size // count * index, size // count * (index + 1))
 
 
-def _piece(prepared: Prepared, drawn: Draws, b: int, config: WindowConfig) -> tuple[Piece, int]:
-    """The frames of an example, and at which of them its window starts."""
-    clip, first = drawn.clip[b], int(drawn.first[b])
-    start, stop = (int(row) for row in drawn.ranges[clip])
-    window, length = (first, first + config.window), int(drawn.length[b])
-    if config.as_released:
-        rows = released_example_rows(window, (start, stop), len(prepared.pose), length)
-    else:
-        rows = example_rows(window, (start, stop), length)
-    offset = first - int(rows[0])
-    if drawn.pace == 1.0:
-        return Piece(*(x[rows] for x in _arrays(prepared))), offset
-    at = (np.arange(rows[0] - 1, rows[-1] + 1) - start) * drawn.pace
-    whole = slice(start, int(prepared.ranges[clip, 1]))
-    clip_rows = Piece(*(x[whole] for x in _arrays(prepared)))
-    return augment.play(clip_rows, at, drawn.pace, prepared.frame_time, config.example[1]), offset
+def _plain(prepared: Prepared, drawn: Draws, part: range, config: WindowConfig) -> Batch:
+    """Windows and examples as they are in the corpus."""
+    size, example_length = config.window, np.zeros(len(part), np.int32)
+    windows = _zeros(prepared, len(part), size)
+    example = np.zeros((len(part), config.example[1], prepared.pose.shape[1]), np.float32)
+
+    def fill(b: int) -> None:
+        first, clip = int(drawn.first[part[b]]), drawn.clip[part[b]]
+        window, whole, length = (first, first + size), _span(prepared.ranges[clip]), int(drawn.length[part[b]])
+        if config.as_released:
+            rows = released_example_rows(window, whole, len(prepared.pose), length)
+        else:
+            rows = example_rows(window, whole, length)
+        example_length[b] = len(rows)
+        in_a_row = slice(rows[0], rows[-1] + 1)
+        example[b, : len(rows)] = prepared.pose[rows if config.as_released else in_a_row]
+        for frames, made in zip(_arrays(prepared), windows, strict=True):
+            made[b] = frames[slice(*window)]
+
+    _each(fill, len(part))
+    clips, root = drawn.clip[part], Root(windows.root_pos, windows.root_rot)  # pyright: ignore[reportArgumentType]
+    poses = from_vector(windows.pose, root)
+    return Batch(windows.speech, poses, prepared.gaze[clips], example, example_length, prepared.labels[clips])
+
+
+def _recorded(prepared: Prepared, drawn: Draws, part: range, config: WindowConfig, spread: Spread) -> Recorded:
+    """The frames that examples are made of, and when the examples' own are."""
+    count, most = len(part), config.example[1]
+    pieces = _zeros(prepared, count, rows_to_play(most, 1 + spread.pace) if spread.pace else most)
+    start, length = np.zeros(count, np.int32), np.zeros(count, np.int32)
+    row, weight = np.zeros((count, most + 1), np.int32), np.zeros((count, most + 1), np.float32)
+
+    def fill(b: int) -> None:
+        first, clip = int(drawn.first[part[b]]), drawn.clip[part[b]]
+        played, whole = _span(drawn.ranges[clip]), _span(prepared.ranges[clip])
+        rows = example_rows((first, first + config.window), played, int(drawn.length[part[b]]))
+        start[b], length[b] = first - rows[0], len(rows)
+        if spread.pace:
+            at = played_times(int(rows[0]) - played[0], len(rows), most, drawn.pace)
+            row[b], weight[b] = at.astype(np.int32), at % 1
+            rows = np.arange(row[b, 0], row[b, -1] + 2) + whole[0]
+            row[b] -= row[b, 0]
+        taken = slice(rows[0], min(rows[-1] + 1, whole[1]))
+        for frames, made in zip(_arrays(prepared), pieces, strict=True):
+            made[b, : taken.stop - taken.start] = frames[taken]
+
+    _each(fill, count)
+    clips, pace = drawn.clip[part], np.full(count, drawn.pace, np.float32)
+    return Recorded(
+        piece=pieces,
+        gaze=prepared.gaze[clips],
+        label=prepared.labels[clips],
+        start=start,
+        length=length,
+        mirrored=drawn.mirrored[part] if spread.mirror else None,
+        times=Times(pace, row, weight) if spread.pace else None,
+    )
+
+
+def _each(fill: Callable[[int], None], count: int) -> None:
+    with ThreadPoolExecutor() as pool:  # copying leaves Python's lock free
+        list(pool.map(fill, range(count)))
+
+
+def _span(ends: Int32[np.ndarray, "2"]) -> tuple[int, int]:
+    return int(ends[0]), int(ends[1])
 
 
 def _arrays(prepared: Prepared) -> Piece:
     return Piece(prepared.speech, prepared.pose, prepared.root_pos, prepared.root_rot)
+
+
+def _zeros(prepared: Prepared, count: int, frames: int) -> Piece:
+    return Piece(*(np.zeros((count, frames, x.shape[1]), np.float32) for x in _arrays(prepared)))

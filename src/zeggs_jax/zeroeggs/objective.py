@@ -12,8 +12,9 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
+from ..data.augment import Mirror, augment
 from ..data.scale import Scales
-from ..data.windows import Batch
+from ..data.windows import Batch, Recorded
 from ..motion.pose import Pose
 from ..nn.compute import Compute
 from ..training.step import LossFn, Metrics
@@ -38,6 +39,7 @@ class Setting(NamedTuple):
     config: TrainConfig
     scales: Scales
     parents: tuple[int, ...]
+    mirror: Mirror | None = None  # of the corpus's body, where it has one
 
 
 def draw(key: Array, config: ZeroEggsConfig) -> Draws:
@@ -97,10 +99,13 @@ def weigh(terms: Terms, divergence: Float[Array, " B"], kl_weight: ArrayLike) ->
 
 
 def loss_fn(setting: Setting) -> LossFn:
-    """The loss with the randomness of each clip drawn from its key."""
+    """The loss with the randomness of each clip drawn from its key, of batches that are augmented if they are to be."""
+    config = setting.config
+    augmented = partial(augment, by=setting.mirror, window=config.windows.window, frame_time=config.model.frame_time)
 
-    def loss(params: Params, batch: Batch, keys: Array, step: Array) -> tuple[Array, Metrics]:
-        draws = jax.vmap(partial(draw, config=setting.config.model))(keys)
+    def loss(params: Params, batch: Batch | Recorded, keys: Array, step: Array) -> tuple[Array, Metrics]:
+        batch = jax.vmap(augmented)(batch) if isinstance(batch, Recorded) else batch
+        draws = jax.vmap(partial(draw, config=config.model))(keys)
         return batch_loss(params, batch, draws, step, setting)
 
     return loss

@@ -16,6 +16,7 @@ import jax
 import optax
 
 from ..data import windows
+from ..data.augment import mirror_of
 from ..data.body import AS_IS
 from ..data.prepared import Prepared, load
 from ..data.scale import Scales
@@ -55,7 +56,8 @@ def train(
     corpus = hashlib.sha256((Path(folder) / "manifest.json").read_bytes()).hexdigest()
     metadata = {**describe(config.model, arrays.skeleton), "training": to_dict(config), "corpus": corpus}
     devices.check_same(json.dumps(metadata, sort_keys=True).encode(), "corpus or settings")
-    setting, transform = Setting(config, arrays.scales, arrays.skeleton.parents), optimiser(config)
+    mirror = mirror_of(arrays.skeleton, arrays.across) if arrays.across else None
+    setting, transform = Setting(config, arrays.scales, arrays.skeleton.parents, mirror), optimiser(config)
     state = devices.replicate(_start(out, config, transform, arrays.scales, metadata), mesh)
     if devices.first():
         write_json(out / "config.json", to_dict(config))
