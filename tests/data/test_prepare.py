@@ -6,8 +6,10 @@ import shutil
 import numpy as np
 import pytest
 
+from zeggs_jax.data import augment
 from zeggs_jax.data.prepare import PrepareConfig, Prepared, load, prepare
 from zeggs_jax.data.scale import fit_columns
+from zeggs_jax.data.windows import Piece
 from zeggs_jax.motion import bvh, features
 from zeggs_jax.motion.pose import to_vector
 from zeggs_jax.speech import features as speech_features
@@ -58,15 +60,22 @@ def test_frames_come_back_as_poses(prepared: Prepared):
     np.testing.assert_array_equal(poses.root.pos, prepared.root_pos[10:15])
 
 
-def test_statistics_are_those_of_the_inner_training_rows(prepared: Prepared):
-    blocks = [prepared.pose[a + 2 : b - 2] for i, (a, b) in enumerate(prepared.ranges) if i != 4]
-    expected = fit_columns(blocks)
-    np.testing.assert_array_equal(prepared.scales.pose_out.mean, expected.mean)
-    np.testing.assert_array_equal(prepared.scales.pose_out.std, expected.std)
-    np.testing.assert_array_equal(prepared.scales.pose_in.mean[:-3], expected.mean)
-    assert (prepared.scales.pose_in.std > 0).all()
-    assert (prepared.scales.pose_out.std == 0).any()  # bone offsets never change
-    assert prepared.scales.pose_in.mean[-1] > 50  # people look ahead
+def test_statistics_are_those_of_the_inner_training_rows_and_their_images(prepared: Prepared):
+    by = augment.mirror_of(prepared.skeleton, prepared.across)
+    arrays = (prepared.speech, prepared.pose, prepared.root_pos, prepared.root_rot)
+    inner = [slice(a + 2, b - 2) for i, (a, b) in enumerate(prepared.ranges) if i != 4]
+    seen = [prepared.pose[rows] for rows in inner]
+    images = [np.asarray(augment.mirror(Piece(*(x[rows] for x in arrays)), by).pose) for rows in inner]
+    expected, scales = fit_columns([*seen, *images]), prepared.scales
+    np.testing.assert_allclose(scales.pose_out.mean, expected.mean, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(scales.pose_out.std, expected.std, rtol=1e-4, atol=1e-5)
+    np.testing.assert_array_equal(scales.pose_in.mean[:-3], scales.pose_out.mean)
+    assert (scales.pose_in.std > 0).all()
+    offsets = slice(9, 6 + 3 * len(NAMES))
+    np.testing.assert_array_equal(scales.pose_out.std[offsets], 0)  # they never change: the body stays the same one
+    np.testing.assert_array_equal(scales.pose_out.mean[offsets], seen[0][0, offsets])
+    assert scales.pose_in.mean[-3] == 0
+    assert scales.pose_in.mean[-1] > 50  # people look ahead
 
 
 def test_loading_gives_the_same(prepared: Prepared):

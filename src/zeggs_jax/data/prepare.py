@@ -18,13 +18,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from zeggs_jax.data import corpus, report, scale, shard, workers
+from zeggs_jax.data import augment, corpus, report, scale, shard, workers
 from zeggs_jax.data.arrays import ArrayFile, Rows
 from zeggs_jax.data.body import BodyConfig
 from zeggs_jax.data.entry import Problem
 from zeggs_jax.data.job import Job, chosen, jobs_of, make
 from zeggs_jax.data.job import save_trimmed as save_trimmed
-from zeggs_jax.data.prepared import ARRAYS, FORMAT, MANIFEST, SCALES, Prepared, load, skeleton_to_json
+from zeggs_jax.data.prepared import ARRAYS, FORMAT, MANIFEST, SCALES, Prepared, across_of, load, skeleton_to_json
 from zeggs_jax.data.settings import MENDED, PrepareConfig
 from zeggs_jax.data.shard import Body, Shard
 from zeggs_jax.data.statistics import Moments, merge
@@ -199,6 +199,9 @@ def _join(jobs: list[Job], body: Body, out: Path) -> dict[str, Any]:
                     own = (take.speech, take.pose, take.look)
                     total = tuple(map(merge, total, own)) if total else own
     assert total is not None
+    if not config.as_released and (across := across_of(body.skeleton)):  # training mirrors the clips
+        by = augment.mirror_of(body.skeleton, across)
+        total = (total[0], augment.with_images(total[1], by), augment.with_images(total[2], augment.POINT))
     released = None
     if config.as_released:
         released = tuple(

@@ -51,11 +51,7 @@ class Prepared:
     @cached_property
     def across(self) -> tuple[int, ...] | None:
         """For every joint its counterpart on the body's other side; None where the body has no mirror."""
-        try:
-            across = self.skeleton.mirror_map()
-        except ValueError:
-            return None
-        return across if self.skeleton.asymmetry() < 0.5 else None  # else mirrored rotations are no mirrored motion
+        return across_of(self.skeleton)
 
     def clips(self, split: str) -> Int32[np.ndarray, " c"]:
         """Numbers of the clips of a split."""
@@ -65,6 +61,15 @@ class Prepared:
         """The given frames as a Pose with a leading frame axis."""
         root = Root(jnp.asarray(self.root_pos[rows]), jnp.asarray(self.root_rot[rows]))
         return from_vector(self.pose[rows], root)
+
+
+def across_of(skeleton: Skeleton) -> tuple[int, ...] | None:
+    """For every joint its counterpart on the other side; None for a body that has no mirror."""
+    try:
+        across = skeleton.mirror_map()
+    except ValueError:
+        return None
+    return across if skeleton.asymmetry() < 0.5 else None  # else mirrored rotations are no mirrored motion
 
 
 def load(folder: str | Path) -> Prepared:
