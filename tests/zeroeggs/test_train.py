@@ -145,6 +145,21 @@ def test_settings_that_change_the_update_may_not(run, corpus, fixed):
         run_folder.check_same(keep.checkpoints(run)[-1], metadata_of(run, replace(TINY, **fixed), corpus), run)
 
 
+@pytest.mark.parametrize("now", [{"mirror": 0.0, "pace": 0.0}, {"mirror": 0.0}, {"pace": 0.0}, {}])
+def test_runs_from_before_augmentation_go_on_without_it_only(run, corpus, tmp_path, now):
+    """None in a run of today is the paper's mirror and pace; older runs had neither, and no names for them."""
+    tree, metadata = checkpoint.load(keep.checkpoints(run)[-1])
+    for name in ("mirror", "pace"):
+        del metadata["training"]["windows"][name]
+    checkpoint.save(tmp_path / "old", tree, metadata)
+    given = metadata_of(run, replace(TINY, windows=replace(TINY.windows, **now)), corpus)
+    if len(now) == 2:
+        run_folder.check_same(tmp_path / "old", given, run)
+        return
+    with pytest.raises(ValueError, match=r"was started with windows\.(mirror|pace) = 0\.0, now it is None"):
+        run_folder.check_same(tmp_path / "old", given, run)
+
+
 def metadata_of(run: Path, config: t.TrainConfig, corpus: Path) -> dict:
     """What `train` would compare the run's checkpoint with."""
     stored = checkpoint.metadata(keep.checkpoints(run)[-1])
