@@ -59,10 +59,11 @@ def spread(rows: Sequence[Row], column: str) -> float:
 
 
 def by_seeds(what: str, rows: Iterable[Row], columns: Sequence[tuple[str, str, str]]) -> str:
-    """A line for each `name` of the rows: mean and spread over its seeds of every (column, title, format)."""
+    """A line for each `name` of the rows: every (column, title, format), with its spread where there are two seeds."""
     body = []
     for name, of in grouped(rows, "name").items():
-        cells = [f"{form.format(mean(of, c))} ± {form.format(spread(of, c))}" for c, _, form in columns]
+        apart = [f" ± {form.format(spread(of, column))}" if len(of) > 1 else "" for column, _, form in columns]
+        cells = [form.format(mean(of, column)) + more for (column, _, form), more in zip(columns, apart, strict=True)]
         body.append([name, str(len(of)), *cells])
     return table([what, "seeds", *(title for _, title, _ in columns)], body)
 
