@@ -1,6 +1,7 @@
 """Settings of every test: no silent rank promotion, no GPU, no compile cache; files that are not in the repository."""
 
 import os
+import sys
 from pathlib import Path
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
@@ -18,3 +19,22 @@ def shared() -> Path:
     if not folder or not Path(folder).is_dir():
         pytest.skip("needs the folder ZEGGS_SHARED (see CONTRIBUTING.md)")
     return Path(folder)
+
+
+@pytest.fixture
+def zeggs(monkeypatch, capsys):
+    """Runs a command line; returns (exit status, what it printed, what it complained)."""
+
+    from zeggs_jax import cli
+
+    def run(*words):
+        monkeypatch.setattr(sys, "argv", ["zeggs", *map(str, words)])
+        try:
+            cli.main()
+            status = 0
+        except SystemExit as stop:
+            status = stop.code
+        told = capsys.readouterr()
+        return status, told.out, told.err
+
+    return run

@@ -2,33 +2,14 @@
 
 import json
 import shutil
-import sys
 
 import numpy as np
 import pytest
 import soundfile
 
-from zeggs_jax import cli
 from zeggs_jax.motion import bvh
 from zeggs_jax.zeroeggs import examples
 from zeggs_jax.zeroeggs import generate as g
-
-
-@pytest.fixture
-def zeggs(monkeypatch, capsys):
-    """Runs a command line; returns (exit status, what it printed, what it complained)."""
-
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["zeggs", *map(str, words)])
-        try:
-            cli.main()
-            status = 0
-        except SystemExit as stop:
-            status = stop.code
-        told = capsys.readouterr()
-        return status, told.out, told.err
-
-    return run
 
 
 @pytest.fixture(scope="module")

@@ -195,8 +195,10 @@ def prepare(
     from .data import prepare as data
 
     corpora.survey(corpus)
-    given = {"scale": scale, "up": up, "facing": facing}
     read = body.read_body(skeleton) if skeleton else body.BodyConfig()
+    read = replace(read, scale=scale) if scale is not None else read
+    read = replace(read, up=body.axis(up, "--up is")) if up is not None else read
+    read = replace(read, facing=body.axis(facing, "--facing is")) if facing is not None else read
     settings = data.PrepareConfig(
         as_released=as_released,
         rate_hz=rate,
@@ -204,7 +206,7 @@ def prepare(
         save_trimmed=save_trimmed,
         skip_bad=skip_bad,
         min_frames=min_frames,
-        body=replace(read, **{name: value for name, value in given.items() if value is not None}),
+        body=read,
         speech=replace(data.MENDED.speech, log_mel=log_mel),
     )
     _prepare_folder(out)

@@ -82,6 +82,12 @@ def test_a_joint_without_counterpart_is_named():
         skeleton(("Hips", "LeftTail")).mirror_map()
 
 
+def test_a_body_whose_sides_have_no_names_has_no_mirror():
+    """Else every joint would stand for itself, and a mirrored arm be its own bent the wrong way."""
+    with pytest.raises(ValueError, match="No two joints"):
+        skeleton(("Hips", "LA", "RA"), (-1, 0, 0)).mirror_map()
+
+
 def test_joints_that_differ_only_in_a_word_for_joint_keep_their_counterparts():
     names = ("Hips", "LHipJoint", "LeftHip", "RHipJoint", "RightHip")
     assert skeleton(names).mirror_map() == (0, 3, 4, 1, 2)

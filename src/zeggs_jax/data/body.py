@@ -37,9 +37,6 @@ class BodyConfig:
     def __post_init__(self) -> None:
         if self.scale is not None and not 0 < self.scale < np.inf:
             raise ValueError(f"The scale of a body is {self.scale}; give the cm of one unit, above 0.")
-        for key, axis in (("up", self.up), ("facing", self.facing)):
-            if axis not in ("auto", *AXES):
-                raise ValueError(f"The axis '{key}' of a body is {axis!r}; give one of auto, {', '.join(AXES)}.")
         for pair in self.axes or ():
             up, _, ahead = pair.partition(" ")
             if up not in AXES or ahead not in AXES or up[-1] == ahead[-1]:
@@ -139,10 +136,19 @@ def read_body(path: str | Path) -> BodyConfig:
     scale = table.pop("scale", None)
     if scale is not None and type(scale) not in (int, float):
         raise ValueError(f"'{path}' has scale = {scale!r}; give the cm of one unit as a number.")
+    for key, text in table.items():
+        axis(text, f"'{path}' has {key} =")
     try:
         return BodyConfig(None if scale is None else float(scale), **table, roles=Roles(**roles) if roles else None)
     except ValueError as error:
         raise ValueError(f"'{path}': {error}") from None
+
+
+def axis(text: Any, what: str) -> Axis:
+    """The axis that a text names; ValueError, which begins with `what`, where it names none."""
+    if text not in ("auto", *AXES):
+        raise ValueError(f"{what} {text!r}; give one of auto, {', '.join(AXES)}.")
+    return text
 
 
 def _known(table: dict[str, Any], keys: tuple[str, ...], where: str) -> None:

@@ -122,7 +122,7 @@ class Skeleton:
     def mirror_map(self) -> tuple[int, ...]:
         """For every joint the number of its counterpart across; itself for joints in the middle and helpers `alone`.
 
-        ValueError where any other joint has no counterpart.
+        ValueError where any other joint, or every joint, has no counterpart.
         """
         counterparts = list(range(len(self)))
         for left, right in self.pairs():
@@ -133,6 +133,8 @@ class Skeleton:
             if side and counterparts[joint] == joint and joint not in alone:
                 other = {"left": "right", "right": "left"}[side]
                 raise ValueError(f"Joint '{name}' has no {other} counterpart, so this body has no mirror.")
+        if counterparts == list(range(len(self))):
+            raise ValueError("No two joints are named as the left and right of a pair, so this body has no mirror.")
         return tuple(counterparts)
 
     def asymmetry(self) -> float:
