@@ -26,6 +26,17 @@ def test_subfolders_are_styles(tmp_path):
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("name", ["067_Speech_2_x_1_0", "calm"])
+def test_hidden_files_are_no_clips(tmp_path, name):
+    """A Mac's archive holds a ._name of every file."""
+    touch(tmp_path, f"{name}.bvh", f"{name}.wav")
+    for path in list(tmp_path.iterdir()):
+        (tmp_path / f"._{path.name}").write_bytes(b"Mac OS X")
+    found = corpus.survey(tmp_path)
+    assert [entry.name for entry in found.entries] == [name]
+    assert not found.problems
+
+
 def test_a_flat_folder_is_one_style(tmp_path):
     touch(tmp_path / "talks", "a.b.bvh", "a.b.flac")
     assert summary(corpus.find(tmp_path / "talks")) == [("a.b", "talks", "train")]

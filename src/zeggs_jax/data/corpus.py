@@ -98,8 +98,8 @@ def _listed(folder: Path) -> Found:
 
 
 def _scanned(folder: Path) -> Found:
-    """Pairs in the folder and its subfolders, sorted by name, then what has no partner."""
-    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in (".bvh", *SPEECH_SUFFIXES))
+    """Pairs in the folder and its subfolders, sorted by name, then what has no partner; hidden files are none."""
+    files = sorted(path for path in folder.rglob("[!.]*") if path.suffix.lower() in (".bvh", *SPEECH_SUFFIXES))
     motion = {path.with_suffix(""): path for path in files if path.suffix.lower() == ".bvh"}
     speech = {path.with_suffix(""): path for path in reversed(files) if path.suffix.lower() in SPEECH_SUFFIXES}
     stems = [stem for stem in motion if stem in speech]

@@ -40,7 +40,7 @@ def original(folder: Path) -> Iterator[Entry | Problem]:
 
 def is_clean(folder: Path) -> bool:
     """Whether the BVH files of a folder are named as those of the download's `clean/`."""
-    names = [path.stem for path in folder.glob("*.bvh")]
+    names = [path.stem for path in folder.glob("[!.]*.bvh")]
     return bool(names) and all(_CUT.fullmatch(name) for name in names)
 
 
@@ -51,7 +51,7 @@ def clean(folder: Path) -> Iterator[Entry | Problem]:
     """
     tables = [path for path in (folder / TABLE, folder.parent / TABLE) if path.is_file()]
     rows = {Path(row["anim_bvh"]).stem: row for row in table.read(tables[0], COLUMNS[5:])} if tables else {}
-    files = sorted(folder.glob("*.bvh"))
+    files = sorted(folder.glob("[!.]*.bvh"))
     cuts = [match for path in files if (match := _CUT.fullmatch(path.stem))]
     styles = [rows[cut["take"]]["style"] if cut["take"] in rows else cut["style"] for cut in cuts]
     chosen = chosen_splits(styles)
