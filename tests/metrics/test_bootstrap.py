@@ -59,6 +59,20 @@ def test_the_centred_interval_holds_a_distance_that_resampling_overstates():
     assert centred.low < centred.value < centred.high
 
 
+def test_drawn_within_its_stratum_what_lies_between_strata_does_not_widen():
+    """Two styles a hundred apart: their shares are chosen, so only the spread within them counts."""
+    draw = np.random.default_rng(5)
+    values = np.concatenate([draw.normal(size=20), 100.0 + draw.normal(size=20)])
+    mixed = bootstrap.of_mean(values, 0)
+    within = bootstrap.of_mean(values, 0, strata=["a"] * 20 + ["b"] * 20)
+    assert mixed.high - mixed.low > 20.0
+    assert within.high - within.low == pytest.approx(2 * 1.96 / np.sqrt(40), rel=0.3)
+    alone = bootstrap.of_mean(values, 0, strata=[str(k) for k in range(40)])
+    assert alone == mixed
+    with pytest.raises(ValueError, match="2 clips for 40"):
+        bootstrap.of_mean(values, 0, strata=["a", "b"])
+
+
 @pytest.mark.parametrize(
     ("values", "level", "words"),
     [

@@ -148,8 +148,16 @@ def test_halves_of_the_truth_are_apart_and_their_seed_fixes_them(truth):
     assert value > 0.0
     assert frechet.between_halves(clips, 0) == value
     assert frechet.between_halves([clips[0]] * 4, 0) == pytest.approx(0.0, abs=1e-9)
-    with pytest.raises(ValueError, match="got 1"):
+    with pytest.raises(ValueError, match="got 1 and 1"):
         frechet.between_halves(clips[:1], 0)
+
+
+def test_halves_show_the_same_styles_where_styles_are_known(truth):
+    """Two styles a metre apart: halves of mixed clips would measure how the styles were dealt out."""
+    near = [frechet.postures(motion) for motion in truth[:4]]
+    far = [samples + 100.0 for samples in near]
+    mixed = frechet.between_halves([*near, *far], 0)
+    assert frechet.between_halves([*near, *far], 0, ["near"] * 4 + ["far"] * 4) < 0.1 * mixed
 
 
 def test_no_motion_is_refused(truth):

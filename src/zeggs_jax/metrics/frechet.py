@@ -84,22 +84,25 @@ def velocities(clip: Movement) -> Samples:
     return np.diff(postures(clip), axis=0) * RATE_HZ
 
 
-def between_halves(clips: Sequence[Samples], seed: int, draws: int = 20) -> float:
-    """Mean distance between two random halves of the samples of each clip: what the truth has from itself.
+def between_halves(
+    clips: Sequence[Samples], seed: int, strata: Sequence[str | None] | None = None, draws: int = 20
+) -> float:
+    """Mean distance between two random halves of the clips, given by their samples: what the truth has from itself.
 
-    Halves are smaller than the whole, so this is an upper bound of what sampling alone makes.
+    `strata` are the clips' styles: each is split in half, so that both halves show the same styles. Halves are smaller
+    than the whole, so this is an upper bound of what sampling alone makes.
 
     Raises:
-        ValueError: fewer than two clips, or too few samples in a half.
+        ValueError: fewer than two clips, strata that do not fit, or too few samples in a half.
     """
-    if len(clips) < 2:
-        raise ValueError(f"halves need two clips or more, got {len(clips)}.")
+    strata = [None] * len(clips) if strata is None else list(strata)
+    if len(clips) < 2 or len(strata) != len(clips):
+        raise ValueError(f"halves need two clips or more and a stratum for each, got {len(clips)} and {len(strata)}.")
     draw = np.random.default_rng(seed)
     found = []
     for _ in range(draws):
-        order = draw.permutation(len(clips))
-        halves = (order[: len(clips) // 2], order[len(clips) // 2 :])
-        found.append(distance(*(np.concatenate([clips[k] for k in half]) for half in halves)))
+        order = sorted(draw.permutation(len(clips)).tolist(), key=lambda k: str(strata[k]))  # stable: random within
+        found.append(distance(*(np.concatenate([clips[k] for k in order[side::2]]) for side in (0, 1))))
     return float(np.mean(found))
 
 

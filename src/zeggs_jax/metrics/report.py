@@ -41,18 +41,21 @@ class _Row:
     def refuse(self, measure: str, error: ValueError | str, clip: str = "") -> None:
         self.left_out.append({"group": self.name, "clip": clip, "measure": measure, "reason": str(error)})
 
-    def means(self, found: Sequence[dict[str, float]]) -> None:
+    def means(self, found: Sequence[dict[str, float]], strata: Sequence[str | None]) -> None:
         """The mean of every measure over the clips that have it."""
-        for measure in MEASURES:
-            if values := [clip[measure] for clip in found if measure in clip]:
-                interval = bootstrap.of_mean(np.array(values), self.config.seed, self.config.level, self.config.draws)
-                self.add(measure, interval, len(values))
-
-    def statistic(self, measure: str, make: Callable[[], Callable[[Pick], float]], clips: int) -> None:
-        """A measure of the whole group that is never below zero; `make` prepares what every drawing of clips needs."""
         config = self.config
+        for measure in MEASURES:
+            if has := [k for k, clip in enumerate(found) if measure in clip]:
+                values, styles = np.array([found[k][measure] for k in has]), [strata[k] for k in has]
+                self.add(measure, bootstrap.of_mean(values, config.seed, config.level, config.draws, styles), len(has))
+
+    def statistic(
+        self, measure: str, make: Callable[[], Callable[[Pick], float]], strata: Sequence[str | None]
+    ) -> None:
+        """A measure of the whole group that is never below zero; `make` prepares what every drawing of clips needs."""
+        config, clips = self.config, len(strata)
         try:
-            found = bootstrap.of_statistic(make(), clips, config.seed, config.level, config.draws, "centred")
+            found = bootstrap.of_statistic(make(), clips, config.seed, config.level, config.draws, "centred", strata)
         except ValueError as error:
             self.refuse(measure, error)
         else:
@@ -69,7 +72,7 @@ def report(
 
     The truth's distances are those between its own halves, its recognition its own accuracy; what compares a clip with
     the recorded one of the same speech is empty there. A measure that cannot be taken is not in the table but, with its
-    reason, under "left_out". Intervals are over clips: a single clip has none (null).
+    reason, under "left_out". Intervals are over clips, drawn within their styles: a single clip has none (null).
 
     Raises:
         ValueError: no truth or a group without clips, two clips of one name in a group, a group called "truth", or
@@ -133,7 +136,7 @@ def _clips(row: _Row, samples: Sequence[Sample], truth: Sequence[Sample], made: 
             except ValueError as error:
                 row.refuse(measure, error, sample.name)
         found.append(values)
-    row.means(found)
+    row.means(found, _strata(samples))
 
 
 def _styles(row: _Row, samples: Sequence[Sample], truth: Sequence[Sample], made: bool) -> None:
@@ -145,10 +148,12 @@ def _styles(row: _Row, samples: Sequence[Sample], truth: Sequence[Sample], made:
         return
     scale = theirs.std(axis=0).mean() + 1e-9
     if len(samples) > 1:
-        row.statistic("diversity", lambda: lambda pick: diversity.diversity(ours[pick] / scale), len(samples))
+        row.statistic("diversity", lambda: lambda pick: diversity.diversity(ours[pick] / scale), _strata(samples))
     if groups := scores.shared(samples):
         features = np.stack([ours[group] / scale for group in groups])
-        row.statistic("multimodality", lambda: lambda pick: diversity.multimodality(features[pick]), len(groups))
+        row.statistic(
+            "multimodality", lambda: lambda pick: diversity.multimodality(features[pick]), [None] * len(groups)
+        )
     if not any(sample.style for sample in samples):
         return
     try:
@@ -157,7 +162,8 @@ def _styles(row: _Row, samples: Sequence[Sample], truth: Sequence[Sample], made:
         row.refuse("recognised", error)
     else:
         config = row.config
-        row.add("recognised", bootstrap.of_mean(right, config.seed, config.level, config.draws), len(right))
+        named = [sample.style for sample in samples if sample.style]
+        row.add("recognised", bootstrap.of_mean(right, config.seed, config.level, config.draws, named), len(right))
 
 
 def _recognised(
@@ -187,13 +193,15 @@ def _distances(
         return
     orders: dict[str, kinematic.Order] = {"hellinger_speed": 1, "hellinger_acceleration": 2, "hellinger_jerk": 3}
     for measure, order in orders.items():
-        row.statistic(measure, lambda order=order: _hellinger(samples, truth, order), len(samples))
+        row.statistic(measure, lambda order=order: _hellinger(samples, truth, order), _strata(samples))
     recorded = {sample.name: sample.motion for sample in truth}
-    pairs = [(scores.hands(s.motion), scores.hands(recorded[s.speech])) for s in samples if s.speech in recorded]
+    paired = [sample for sample in samples if sample.speech in recorded]
+    pairs = [(scores.hands(sample.motion), scores.hands(recorded[sample.speech])) for sample in paired]
     if len(pairs) > 1:
         cut = [[side[: min(map(len, pair))] for side in pair] for pair in pairs]
         try:
-            row.means([{"canonical": r} for r in canonical.held_out(*map(list, zip(*cut, strict=True))).tolist()])
+            found = canonical.held_out(*map(list, zip(*cut, strict=True))).tolist()
+            row.means([{"canonical": r} for r in found], _strata(paired))
         except ValueError as error:
             row.refuse("canonical", error)
 
@@ -209,7 +217,7 @@ def _frechet(
     try:
         theirs = [read(sample.motion) for sample in truth]
         if not made:
-            halves = frechet.between_halves(theirs, row.config.seed)
+            halves = frechet.between_halves(theirs, row.config.seed, _strata(truth))
             row.add(measure, Interval(halves, float("nan"), float("nan")), len(truth))
             return
         ours, whole = [read(sample.motion) for sample in samples], np.concatenate(theirs)
@@ -219,7 +227,7 @@ def _frechet(
     row.statistic(
         measure,
         lambda: lambda pick: frechet.distance(np.concatenate([ours[k] for k in pick]), whole),
-        len(samples),
+        _strata(samples),
     )
 
 
@@ -231,6 +239,11 @@ def _hellinger(samples: Sequence[Sample], truth: Sequence[Sample], order: kinema
         for group in (samples, truth)
     )
     return lambda pick: kinematic.hellinger(ours[pick].sum(axis=0), theirs.sum(axis=0))
+
+
+def _strata(samples: Sequence[Sample]) -> list[str | None]:
+    """The styles that clips are drawn within."""
+    return [sample.style for sample in samples]
 
 
 def _summary(row: _Row, samples: Sequence[Sample]) -> dict[str, Any]:
