@@ -9,6 +9,7 @@ import pytest
 
 from zeggs_jax.data import augment
 from zeggs_jax.data.rows import played_ranges, played_times
+from zeggs_jax.data.statistics import moments
 from zeggs_jax.data.windows import Piece, Times
 from zeggs_jax.geometry import quaternion, rotation
 from zeggs_jax.motion import edit, features
