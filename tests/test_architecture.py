@@ -27,7 +27,7 @@ ARROWS = {
 
 TOUCH_DISK = {
     "cli.py", "speech/wav.py", "motion/bvh.py", "data/corpus.py", "data/prepare.py", "data/prepared.py",
-    "data/arrays.py", "data/job.py", "data/report.py", "data/shard.py",
+    "data/arrays.py", "data/job.py", "data/join.py", "data/report.py", "data/shard.py",
     "data/takes.py", "data/body.py", "data/entry.py", "data/release.py", "data/table.py",
     "training/checkpoint.py", "training/loop.py", "training/keep.py", "training/record.py",
     "training/devices.py",  # only os._exit

@@ -51,7 +51,7 @@ class ArrayFile:
         np.lib.format.write_array_header_1_0(self.file, header)
 
 
-class Rows(Sequence[np.ndarray]):
+class Blocks(Sequence[np.ndarray]):
     """Some spans of rows of a .npy file, each read when it is asked for and kept by nobody."""
 
     def __init__(self, path: Path, spans: Sequence[Span]) -> None:

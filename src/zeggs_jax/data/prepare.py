@@ -9,25 +9,23 @@ import errno
 import json
 import os
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
 from tqdm import tqdm
 
-from zeggs_jax.data import augment, corpus, report, scale, shard, workers
-from zeggs_jax.data.arrays import ArrayFile, Rows
+from zeggs_jax.data import corpus, report, shard, workers
 from zeggs_jax.data.body import BodyConfig
 from zeggs_jax.data.entry import Problem
 from zeggs_jax.data.job import Job, chosen, jobs_of, make
 from zeggs_jax.data.job import save_trimmed as save_trimmed
-from zeggs_jax.data.prepared import ARRAYS, FORMAT, MANIFEST, SCALES, Prepared, across_of, load, skeleton_to_json
+from zeggs_jax.data.join import join
+from zeggs_jax.data.prepared import FORMAT, MANIFEST, Prepared, load
 from zeggs_jax.data.settings import MENDED, PrepareConfig
-from zeggs_jax.data.shard import Body, Shard
-from zeggs_jax.data.statistics import Moments, merge
+from zeggs_jax.data.shard import Body
 from zeggs_jax.data.takes import body_of
 from zeggs_jax.motion import bvh
 
@@ -64,7 +62,7 @@ def prepare(
         with _in_one_sentence(out, plan.jobs):
             good, shared = _make_all(plan, out, processes)
             manifest = {"format": FORMAT, "source": folder.resolve().name, "made_of": plan.made_of}
-            manifest |= {"config": asdict(config), "body": asdict(plan.body), **_join(good, shared, out)}
+            manifest |= {"config": asdict(config), "body": asdict(plan.body), **join(good, shared, out, out / CLIPS)}
             partial = out / f"{MANIFEST}.partial"
             partial.write_text(json.dumps(manifest, indent=1) + "\n")
             os.replace(partial, out / MANIFEST)
@@ -147,14 +145,6 @@ def _there(job: Job) -> Body | Problem:
         return make(job)
 
 
-def _shard(job: Job) -> Shard:
-    try:
-        return shard.read(job.path)
-    except ValueError:
-        make(job)
-        return shard.read(job.path)
-
-
 def _unlike(first: tuple[Job, Body], job: Job, b: Body) -> Problem | None:
     """All clips of a corpus share one skeleton and one frame rate: those of the first good clip."""
     a, name, file = first[1], first[0].entry.bvh.name, job.entry.bvh
@@ -173,58 +163,6 @@ def _unlike(first: tuple[Job, Body], job: Job, b: Body) -> Problem | None:
         f"'{file}' has {len(found)} joints, '{name}' {len(expected)}, and one skeleton was expected; first "
         f"different joint: '{differ[0][0]}'; prepare each skeleton by itself.",
     )
-
-
-def _join(jobs: list[Job], body: Body, out: Path) -> dict[str, Any]:
-    """The final arrays and their statistics, one clip in memory at a time; what the manifest says of them."""
-    if all(job.entry.split != "train" for job in jobs):
-        raise ValueError(
-            "All clips that can be used are in the split 'valid'; put at least one into 'train' in the column split "
-            "of corpus.csv (or validation of info.csv)."
-        )
-    config, styles, clips, training = jobs[0].config, sorted({job.entry.style for job in jobs}), [], []
-    total: tuple[Moments, ...] | None = None
-    with ExitStack() as stack:
-        paths = {name: (out / CLIPS if name == "look" else out) / f"{name}.npy" for name in shard.Rows._fields}
-        files = {name: stack.enter_context(ArrayFile(path)) for name, path in paths.items()}
-        for job in tqdm(jobs, desc="joining", unit="clip", disable=None):
-            entry = job.entry
-            for name, take in _shard(job).takes.items():
-                spans = {kind: file.append(getattr(take.rows, kind)) for kind, file in files.items()}
-                start, stop = spans["pose"]
-                clips.append({"name": name, "split": entry.split, "label": styles.index(entry.style),
-                              "range": [start, stop], "gaze": take.gaze.tolist()})  # fmt: skip
-                if entry.split == "train":
-                    training.append((start + 2, stop - 2))  # as released
-                    own = (take.speech, take.pose, take.look)
-                    total = tuple(map(merge, total, own)) if total else own
-    assert total is not None
-    if not config.as_released and (across := across_of(body.skeleton)):  # training mirrors the clips
-        by = augment.mirror_of(body.skeleton, across)
-        total = (total[0], augment.with_images(total[1], by), augment.with_images(total[2], augment.POINT))
-    released = None
-    if config.as_released:
-        released = tuple(
-            scale.fit_columns(Rows(paths[kind], training), as_released=True) for kind in ("speech", "pose", "look")
-        )
-    joints = len(body.skeleton)
-    columns = config.speech_columns or config.speech.log_mel  # log-mels have no std in common
-    _save_scales(out / SCALES, scale.from_moments(total[0], total[1], total[2], joints, columns, released))
-    return {
-        "pipeline": "as released" if config.as_released else "mended",
-        "frame_time": body.frame_time,
-        "skeleton": skeleton_to_json(body.skeleton),
-        "styles": styles,
-        "clips": clips,
-        "sha256": {name: files[name].digest.hexdigest() for name in ARRAYS},
-    }
-
-
-def _save_scales(path: Path, scales: scale.Scales) -> None:
-    parts = {kind: part._asdict() for kind, part in scales._asdict().items()}
-    partial = path.with_name("partial.npz")
-    np.savez(partial, **{f"{kind}.{name}": x for kind, part in parts.items() for name, x in part.items()})
-    os.replace(partial, path)
 
 
 @contextmanager
