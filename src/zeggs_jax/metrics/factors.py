@@ -48,7 +48,7 @@ def measures(clip: Clip) -> Float[np.ndarray, " S"]:
 def fit(
     measured: Float[np.ndarray, "N S"], factors: Float[np.ndarray, "K F"], names: Sequence[str], ridge: float = 3.0
 ) -> Ruler:
-    """The ruler with the smallest squared error on N (= K) clips of known factors, and the penalty `ridge` on its weights.
+    """The ruler with the smallest squared error on N = K clips of known factors, its weights held down by `ridge`.
 
     Raises:
         ValueError: the numbers of clips, or of factors and names, differ; or fewer than two clips.
