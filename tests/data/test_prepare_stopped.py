@@ -136,7 +136,7 @@ def test_a_damaged_shard_is_made_again(corpus_folder, prepared, tmp_path):
 def _stop_before_joining(corpus: Path, out: Path) -> None:
     """All shards are there, nothing else."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(preparation, "_join", _interrupt)
+        patch.setattr(preparation, "join", _interrupt)
         with pytest.raises(KeyboardInterrupt, match=r"^stopped: 6 of 6 clips are made, and the same command goes on"):
             prepare(corpus, out)
 
