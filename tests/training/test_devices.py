@@ -71,6 +71,13 @@ def test_a_batch_is_shared_evenly_or_refused(size, near):
             devices.check_batch(size, eight)
 
 
+def test_every_part_of_a_batch_is_shared_evenly():
+    eight = Mesh(np.array(jax.devices() * 8), ("batch",))
+    devices.check_batch(32, eight, 4)
+    with pytest.raises(ValueError, match=r"^a batch of 24 clips .* 8 devices in 2 parts .*: make it 16 or 32\.$"):
+        devices.check_batch(24, eight, 2)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -141,12 +141,14 @@ def _place(tree: Any, sharding: NamedSharding) -> Any:
     return jax.tree.map(lambda leaf: jax.make_array_from_process_local_data(sharding, leaf), tree)
 
 
-def check_batch(size: int, mesh: Mesh) -> None:
-    """ValueError when `size` clips cannot be shared evenly among the devices."""
-    if size % mesh.size:
-        low = size - size % mesh.size
-        near = f"{low} or {low + mesh.size}" if low else f"{mesh.size}"
-        raise ValueError(f"a batch of {size} clips cannot be shared by {mesh.size} devices: make it {near}.")
+def check_batch(size: int, mesh: Mesh, parts: int = 1) -> None:
+    """ValueError when `size` clips, worked through in `parts`, cannot be shared evenly among the devices."""
+    unit = mesh.size * parts
+    if size % unit:
+        low = size - size % unit
+        near = f"{low} or {low + unit}" if low else f"{unit}"
+        how = f"{mesh.size} devices" + (f" in {parts} parts (accumulate)" if parts > 1 else "")
+        raise ValueError(f"a batch of {size} clips cannot be shared by {how}: make it {near}.")
 
 
 @company()

@@ -52,7 +52,7 @@ def train(
     """
     arrays, out = load(folder), Path(out)
     config, mesh = fit_config(config, arrays), devices.mesh()
-    devices.check_batch(config.windows.batch // config.accumulate, mesh)
+    devices.check_batch(config.windows.batch, mesh, config.accumulate)
     corpus = hashlib.sha256((Path(folder) / "manifest.json").read_bytes()).hexdigest()
     metadata = {**describe(config.model, arrays.skeleton), "training": to_dict(config), "corpus": corpus}
     devices.check_same(json.dumps(metadata, sort_keys=True).encode(), "corpus or settings")
