@@ -24,6 +24,14 @@ def test_the_policy(tmp_path):
     assert int(checkpoint.load(keep.best(tmp_path))[0]["w"][0]) == 50
 
 
+def test_what_a_kill_left_half_written_goes_with_the_next(tmp_path):
+    left = tmp_path / "checkpoints" / ".step_00000010.abcdefgh" / "arrays"
+    left.mkdir(parents=True)
+    keep.write(keep.numbered(tmp_path, 10), 10, save)
+    keep.prune(tmp_path, 2)
+    assert [path.name for path in (tmp_path / "checkpoints").iterdir()] == ["step_00000010"]
+
+
 def test_a_full_disk_is_said_and_the_last_checkpoint_named(tmp_path):
     keep.write(keep.numbered(tmp_path, 5), 5, save)
 

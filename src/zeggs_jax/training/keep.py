@@ -41,9 +41,14 @@ def write(path: Path, state: Any, save: Callable[[Path, Any], Any]) -> None:
 
 
 def prune(run: Path, keep: int, keep_every: int = 0) -> None:
-    """Remove all but the `keep` newest checkpoints and those of multiples of `keep_every` (0: none); not the best."""
+    """Remove all but the `keep` newest checkpoints and those of multiples of `keep_every` (0: none); not the best.
+
+    What kills left half written goes too: to be called while no checkpoint is being written.
+    """
     if not devices.first():
         return
+    for unfinished in (run / "checkpoints").glob(".step_*"):
+        checkpoint.remove(unfinished)
     for old in checkpoints(run)[: -max(keep, 1)]:
         if not keep_every or int(old.name.removeprefix("step_")) % keep_every:
             checkpoint.remove(old)
