@@ -156,7 +156,8 @@ def infer_config(arrays: Arrays, frame_time: float = 0.016667, labels: tuple[str
                 f"decoder.pt takes styles of {style_size} numbers and there are {len(labels)} labels; "
                 "is style_encoder.pt missing, or data_definition.json from another version?"
             )
-        return ZeroEggsConfig(joints, frame_time, labels, speech, StyleEncoderConfig(kind="label"), decoder)
+        style = StyleEncoderConfig(kind="label")
+        return ZeroEggsConfig(joints, frame_time, labels, speech=speech, style=style, decoder=decoder)
     attentive = "style_encoder/encoder.convs.4.conv.weight" in arrays
     style_hidden = shape("style_encoder/encoder.convs.0.conv.weight", 3)[0]
     last = "encoder.convs.4.conv.bias" if attentive else "encoder.projection_layer.linear_layer.bias"
@@ -165,7 +166,7 @@ def infer_config(arrays: Arrays, frame_time: float = 0.016667, labels: tuple[str
         raise ValueError(f"style_encoder.pt gives {outputs} numbers, decoder.pt takes styles of {style_size}.")
     kind = "attn" if attentive else "gru"
     style = StyleEncoderConfig(kind, style_hidden, style_size, variational=outputs == 2 * style_size)
-    return ZeroEggsConfig(joints, frame_time, (), speech, style, decoder)
+    return ZeroEggsConfig(joints, frame_time, speech=speech, style=style, decoder=decoder)
 
 
 def read_scales(stats: Arrays, config: ZeroEggsConfig) -> Scales:
