@@ -22,7 +22,7 @@ DECODERS = [m.DecoderConfig(16, 2), m.DecoderConfig(16, 3, "film"), m.DecoderCon
 def make(style="attn", decoder=DECODERS[0]):
     """A config and random parameters."""
     labels = ("Happy", "Old", "Sad") if style == "label" else ()
-    config = m.ZeroEggsConfig(5, 0.02, labels, SPEECH, STYLES[style], decoder)
+    config = m.ZeroEggsConfig(5, 0.02, labels, speech=SPEECH, style=STYLES[style], decoder=decoder)
     shapes = jax.eval_shape(lambda: m.init(jax.random.key(0), config))
     rng = np.random.default_rng(0)
     return config, jax.tree.map(lambda a: rng.normal(size=a.shape).astype(np.float32), shapes)

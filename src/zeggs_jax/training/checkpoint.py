@@ -30,9 +30,9 @@ def save(path: str | Path, tree: Any, metadata: Mapping[str, Any]) -> str:
     """Write `tree` (any pytree of arrays, dtypes kept) and JSON-able `metadata` to folder `path`; return its digest.
 
     The folder is made beside `path` and renamed into place, so a kill leaves the old checkpoint or the new one (between
-    two renames the old one has a hidden name beside it). In a run of several processes all call this with the same arrays (replicated ones), in a folder that they share: the
-    first writes, and when it returns, anywhere, the checkpoint is complete. OSError, everywhere, when it cannot be
-    written: no room, no right.
+    two renames the old one has a hidden name beside it). In a run of several processes all call this with the same
+    arrays (replicated ones), in a folder that they share: the first writes, and when it returns, anywhere, the
+    checkpoint is complete. OSError, everywhere, when it cannot be written: no room, no right.
     """
     path = Path(path).absolute()
     leaves = {name: np.asarray(leaf) for name, leaf in _named_leaves(tree).items()}
