@@ -137,6 +137,13 @@ def test_a_half_written_folder_is_prepared_again(corpora, made, tmp_path):
     t.prepared(corpora[1], tmp_path / "run")
 
 
+@pytest.mark.parametrize("content", ["{", "{}", "[]"])
+def test_a_damaged_manifest_is_said(corpora, made, tmp_path, content):
+    (t.prepared(corpora[0], tmp_path / "run") / "manifest.json").write_text(content)
+    with pytest.raises(ValueError, match=r"^'.*manifest\.json' is damaged: delete '.*prepared', and the same command"):
+        t.prepared(corpora[0], tmp_path / "run")
+
+
 def test_a_missing_corpus_is_said(made, tmp_path):
     with pytest.raises(FileNotFoundError, match="does not exist"):
         t.prepared(tmp_path / "none", tmp_path / "run")

@@ -30,8 +30,13 @@ def prepared(corpus: str | Path, out: str | Path, speech_columns: bool = False) 
     if not (folder / MANIFEST).exists():
         preparation.prepare(corpus, folder, config)
         return folder
-    manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    made = manifest["config"]["speech_columns"]
+    try:
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        made, source = manifest["config"]["speech_columns"], manifest["source"]
+    except (ValueError, TypeError, KeyError) as error:
+        raise ValueError(
+            f"'{folder / MANIFEST}' is damaged: delete '{folder}', and the same command prepares the corpus again."
+        ) from error
     if made != speech_columns:
         raise ValueError(
             f"run '{out}' prepared its corpus with speech_columns = {made}, now it is {speech_columns}: resume "
@@ -39,7 +44,7 @@ def prepared(corpus: str | Path, out: str | Path, speech_columns: bool = False) 
         )
     if manifest.get("made_of") != preparation.made_of(corpus, config):
         raise ValueError(
-            f"run '{out}' was started on a corpus '{manifest['source']}', and '{corpus}' is another one or has changed "
+            f"run '{out}' was started on a corpus '{source}', and '{corpus}' is another one or has changed "
             f"since: name the first one as it was, '{folder}' to go on with its arrays, or another -o."
         )
     return folder
