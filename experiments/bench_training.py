@@ -47,8 +47,8 @@ def make_batch(config: TrainConfig, batch: int, window: int, example: int) -> tu
     def normal(*shape: int) -> np.ndarray:
         return rng.normal(size=shape).astype(np.float32)
 
-    still = np.tile(np.array([1, 0, 0, 0], np.float32), (batch, window, 1))
-    poses = from_vector(normal(batch, window, size), Root(np.zeros((batch, window, 3), np.float32), still))
+    still = Root(jnp.zeros((batch, window, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (batch, window, 1)))
+    poses = from_vector(normal(batch, window, size), still)
     clips = Batch(
         speech=normal(batch, window, config.model.speech.features),
         poses=jax.tree.map(np.asarray, poses),

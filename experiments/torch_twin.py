@@ -76,8 +76,9 @@ def encode_style(twin: Twin, example: Tensor, train: bool) -> tuple[Tensor, Tens
 
 def attend(p: Params, x: Tensor, heads: int, rate: float, train: bool) -> Tensor:
     at, width = "style/encoder/block/attention", x.shape[-1]
+    frames = x.transpose(0, 1)
     out, _ = F.multi_head_attention_forward(
-        *(x.transpose(0, 1),) * 3, width, heads,
+        frames, frames, frames, width, heads,
         p[f"{at}/project_in/weight"], p[f"{at}/project_in/bias"], None, None, False, rate,
         p[f"{at}/project_out/weight"], p[f"{at}/project_out/bias"], training=train, need_weights=False,
     )  # fmt: skip
@@ -175,7 +176,8 @@ def loss(twin: Twin, batch: dict[str, Tensor], truth: Body, noise: Tensor, kl_we
     body = decode(twin, Body(*(a[:, :1] for a in truth)), speech, style, batch["gaze"])
     dt = twin.config.frame_time
     ours, theirs = (compared(b, batch["gaze"], twin.parents, dt) for b in (body, truth))
-    terms = [w * (a - b).abs().mean() for w, a, b in zip(WEIGHTS, ours, theirs, strict=True)]
+    weights = np.array(WEIGHTS).tolist()
+    terms = [w * (a - b).abs().mean() for w, a, b in zip(weights, ours, theirs, strict=True)]
     kl = -0.5 * (1.0 + log_var - mu**2 - log_var.exp()).mean()
     return (sum(terms) + kl_weight * kl) / 18
 

@@ -340,6 +340,13 @@ def _keep_inputs(outputs: tuple[Path, ...], inputs: tuple[str, ...]) -> None:
             raise ValueError(f"'{path}' is a folder; give the name of a file.")
 
 
+def _sentence(error: Exception) -> str:
+    """What an error says, in one line; those of the system name the file first."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"'{error.filename}' cannot be read or written ({error.strerror}); check its name, its rights, the disk."
+    return " ".join(str(error).split())
+
+
 def main() -> None:
     """Runs the command line; bad input ends in one sentence on stderr and exit status 2."""
     if sys.argv[1:] == ["--version"]:
@@ -356,7 +363,7 @@ def main() -> None:
     except (ValueError, OSError) as error:
         if os.environ.get("ZEGGS_DEBUG"):
             raise
-        print(f"zeggs: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"zeggs: {_sentence(error)}", file=sys.stderr)
         if train := sys.modules.get(f"{__package__}.zeroeggs.train"):
             train.devices.leave(2)  # one process of several must not wait for the others, which wait for it
         sys.exit(2)

@@ -232,7 +232,8 @@ def example(corpus) -> Example:
     prepared = load(corpus)
     config = t.fit_config(TINY, prepared)
     setting = objective.Setting(config, prepared.scales, prepared.skeleton.parents)
-    params, clips = m.init(jax.random.key(0), config.model), batch(prepared, 0, 0, config.windows)
+    as_recorded = replace(config.windows, mirror=0.0, pace=0.0)
+    params, clips = m.init(jax.random.key(0), config.model), batch(prepared, 0, 0, as_recorded)
     loss = jax.jit(lambda draws: objective.batch_loss(params, clips, draws, 20_000, setting))
     return Example(params, clips, draws_of(0, config), setting, loss)
 

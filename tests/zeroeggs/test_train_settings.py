@@ -14,7 +14,7 @@ from zeggs_jax.zeroeggs.config import from_dict
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("steps", -1), ("log_every", 0), ("checkpoint_every", 0), ("keep", 0), ("seed", -1), ("seed", 2**32),
+        ("steps", 0), ("log_every", 0), ("checkpoint_every", 0), ("keep", 0), ("seed", -1), ("seed", 2**32),
         ("learning_rate", 0.0), ("learning_rate", float("inf")), ("learning_rate", float("nan")),
         ("clip_norm", 0.0), ("ema", 1.0), ("ema", -0.1), ("explode", 1.0), ("explode", float("inf")),
         ("accumulate", 0), ("validate_every", -1), ("validate_clips", 0), ("sample_every", -1), ("keep_every", -1),
@@ -42,7 +42,7 @@ def test_options_that_are_off_are_null():
 
 
 def test_the_ends_of_the_ranges_are_allowed():
-    t.TrainConfig(steps=0, log_every=1, checkpoint_every=1, keep=1, seed=2**32 - 1, decay=1.0)
+    t.TrainConfig(steps=1, log_every=1, checkpoint_every=1, keep=1, seed=2**32 - 1, decay=1.0)
 
 
 @pytest.mark.parametrize(

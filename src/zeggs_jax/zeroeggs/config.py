@@ -28,10 +28,10 @@ class ZeroEggsConfig:
     joints: int = 75
     frame_time: float = 0.016667  # s; the release reads it from BVH text, so it is not 1/60
     labels: tuple[str, ...] = ()
-    features: SpeechFeatureConfig = field(default_factory=SpeechFeatureConfig)  # what the model hears
     speech: SpeechEncoderConfig = field(default_factory=SpeechEncoderConfig)
     style: StyleEncoderConfig = field(default_factory=StyleEncoderConfig)
     decoder: DecoderConfig = field(default_factory=DecoderConfig)
+    features: SpeechFeatureConfig = field(default_factory=SpeechFeatureConfig)  # what the model hears
     body: BodyConfig = AS_IS  # how files of the model's body are read: units, axes and roles, as in training
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ from ..data.windows import WindowConfig
 from .config import ZeroEggsConfig, from_dict
 
 LOWEST = {
-    "steps": 0, "accumulate": 1, "log_every": 1, "checkpoint_every": 1, "keep": 1, "keep_every": 0,
+    "steps": 1, "accumulate": 1, "log_every": 1, "checkpoint_every": 1, "keep": 1, "keep_every": 0,
     "validate_every": 0, "validate_clips": 1, "sample_every": 0,
 }  # fmt: skip
 

@@ -15,7 +15,7 @@ from typing import Any
 import jax
 import optax
 
-from ..data import windows
+from ..data import draws, windows
 from ..data.augment import mirror_of
 from ..data.body import AS_IS
 from ..data.prepared import Prepared, load
@@ -53,6 +53,7 @@ def train(
     arrays, out = load(folder), Path(out)
     config, mesh = fit_config(config, arrays), devices.mesh()
     devices.check_batch(config.windows.batch, mesh, config.accumulate)
+    draws.draw(arrays, config.seed, 0, config.windows, "train")  # refuses windows that the corpus has not
     corpus = hashlib.sha256((Path(folder) / "manifest.json").read_bytes()).hexdigest()
     metadata = {**describe(config.model, arrays.skeleton), "training": to_dict(config), "corpus": corpus}
     devices.check_same(json.dumps(metadata, sort_keys=True).encode(), "corpus or settings")
