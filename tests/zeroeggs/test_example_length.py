@@ -60,7 +60,9 @@ def tiny(build) -> Tiny:
 
 
 def batch_of(tiny: Tiny, k: int, longest: int = 64) -> Batch:
-    return windows.batch(tiny.prepared, 0, k, WindowConfig(batch=2, window=8, example=(8, longest), mirror=0.0, pace=0.0))
+    return windows.batch(
+        tiny.prepared, 0, k, WindowConfig(batch=2, window=8, example=(8, longest), mirror=0.0, pace=0.0)
+    )
 
 
 def test_batches_of_all_lengths_share_one_compiled_step(tiny):
