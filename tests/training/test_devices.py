@@ -67,7 +67,7 @@ def test_a_batch_is_shared_evenly_or_refused(size, near):
     if near is None:
         devices.check_batch(size, eight)
     else:
-        with pytest.raises(ValueError, match=rf"a batch of {size} clips cannot be shared by 8 devices.*{near}|{near}"):
+        with pytest.raises(ValueError, match=rf"a batch of {size} clips cannot be shared by .*{near}"):
             devices.check_batch(size, eight)
 
 
