@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 
+from zeggs_jax.data.body import AS_IS
 from zeggs_jax.data.prepare import PrepareConfig, prepare
 from zeggs_jax.data.prepared import Prepared
 from zeggs_jax.motion import bvh
@@ -41,7 +42,7 @@ def log_corpus(tmp_path_factory) -> Prepared:
     positions = np.repeat(skeleton.offsets[None], 30, axis=0)
     bvh.write(folder / "calm" / "a.bvh", bvh.Clip(skeleton, ("zyx",) * 3, euler, positions, 0.033333))
     wav.write(folder / "calm" / "a.wav", noise(1.0))
-    return prepare(folder, folder / "arrays", PrepareConfig(speech=LOG))
+    return prepare(folder, folder / "arrays", PrepareConfig(speech=LOG, body=AS_IS))
 
 
 def test_log_mels_have_statistics_of_their_own(log_corpus):
