@@ -1,6 +1,6 @@
 """Build the training corpus of the bundled model: our own voice, and TTS voices where their programs exist.
 
-    python experiments/make_corpus.py OUT --minutes 80 --hold-out-voices kal_diphone +m4 +f3
+    python experiments/make_corpus.py OUT --minutes 120 --hold-out-voices kal_diphone +m4 +f3
 
 Clips by a held-out voice go to OUT/new_speaker, which training never sees (03_generalisation.py wants it).
 espeak-ng and festival are asked for only here (Debian: espeak-ng festival festvox-kallpc16k festvox-kdlpc16k
@@ -120,14 +120,16 @@ def main() -> None:
     """Plan the takes, write them in parallel, write the index."""
     parser = argparse.ArgumentParser(description="Build the training corpus of the bundled model.")
     parser.add_argument("out", type=Path)
-    parser.add_argument("--minutes", type=float, default=80.0, help="length of the corpus")
+    parser.add_argument("--minutes", type=float, default=120.0, help="length of the corpus")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--synthetic-share", type=float, default=0.4, help="clips by our own voice where TTS exists")
+    parser.add_argument("--random-share", type=float, default=0.6, help="clips of random points between the styles")
     parser.add_argument("--hold-out-voices", nargs="+", default=(), metavar="VOICE", help="ends of voice names")
     arguments = parser.parse_args()
     clips = max(1, round(60.0 * arguments.minutes / (0.5 * sum(SECONDS))))
-    takes = corpus.plan(corpus.CorpusConfig(clips=clips, seconds=SECONDS, seed=arguments.seed))
+    share = arguments.random_share
+    takes = corpus.plan(corpus.CorpusConfig(clips=clips, seconds=SECONDS, seed=arguments.seed, random_share=share))
     spoken_by = programs()
     print(f"{len(takes)} clips, voices: {', '.join(('synthetic', *spoken_by))}")
     settings = {"folder": arguments.out, "spoken_by": spoken_by, "synthetic_share": arguments.synthetic_share}
