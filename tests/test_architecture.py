@@ -26,15 +26,17 @@ ARROWS = {
 }
 
 TOUCH_DISK = {
-    "cli.py", "speech/wav.py", "motion/bvh.py", "data/corpus.py", "data/prepare.py", "data/prepared.py",
+    "speech/wav.py", "speech/transcript.py", "motion/bvh.py",
+    "data/corpus.py", "data/prepare.py", "data/prepared.py",
     "data/arrays.py", "data/job.py", "data/join.py", "data/report.py", "data/shard.py",
     "data/takes.py", "data/body.py", "data/entry.py", "data/release.py", "data/table.py",
     "training/checkpoint.py", "training/loop.py", "training/keep.py", "training/record.py",
     "training/devices.py",  # only os._exit
-    "synthetic/corpus.py", "stage/player.py", "stage/figures.py",
+    "synthetic/corpus.py", "stage/player.py", "stage/figures.py", "stage/plots.py", "stage/report.py",
     "zeroeggs/generate.py", "zeroeggs/train.py", "zeroeggs/batch.py", "zeroeggs/examples.py",
     "zeroeggs/checkpoints.py", "zeroeggs/release_files.py", "zeroeggs/run_folder.py", "zeroeggs/settings.py",
     "zeroeggs/validation.py",
+    "zeroeggs/timeline.py", "zeroeggs/timeline_text.py", "speech/transcript.py",
 }  # fmt: skip
 DISK_NAMES = {"open", "pathlib", "os", "shutil", "tempfile"}
 
@@ -87,6 +89,8 @@ def test_no_function_over_80_lines(path):
 def test_only_the_named_files_touch_the_disk():
     touching = set()
     for path in FILES:
+        if room(path) == "cli":  # a door: every command names files
+            continue
         tree = ast.parse(path.read_text())
         called = {n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
         modules = {a.name.split(".")[0] for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}

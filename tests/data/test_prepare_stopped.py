@@ -156,6 +156,7 @@ def test_what_is_done_is_not_done_again(corpus_folder, tmp_path, monkeypatch):
         load(tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_ctrl_c_says_how_far_it_came(many, tmp_path):
     """In a terminal Ctrl-C reaches the workers too; only one sentence is said, and no traceback."""
     process = start(many, tmp_path / "out", "--processes", "2")

@@ -16,7 +16,7 @@ from zeggs_jax.zeroeggs import decoder as d
 from zeggs_jax.zeroeggs import model as m
 from zeggs_jax.zeroeggs.torch_names import torch_names
 
-KINDS = [("normal", 2), ("film", 2), ("normal", 1), ("film", 3)]
+KINDS = [("normal", 2), ("film", 2), *(pytest.param(k, marks=pytest.mark.slow) for k in (("normal", 1), ("film", 3)))]
 
 
 def close(ours: Pose, expected: Pose, atol=1e-5):
@@ -79,6 +79,7 @@ def test_bfloat16_is_close_and_not_equal(small):
     assert {leaf.dtype for leaf in jax.tree.leaves(rounded)} == {np.dtype(np.float32)}
 
 
+@pytest.mark.slow
 def test_remat_is_the_same_in_less_memory():
     config = m.ZeroEggsConfig(joints=2, decoder=m.DecoderConfig(hidden=64))
     params = jax.eval_shape(lambda: m.init(jax.random.key(0), config))

@@ -78,7 +78,7 @@ def test_batches_of_all_lengths_share_one_compiled_step(tiny):
     assert tiny.step._cache_size() == 1  # pyright: ignore[reportFunctionMemberAccess]
 
 
-@pytest.mark.parametrize("value", [0.0, 7.0])
+@pytest.mark.parametrize("value", [pytest.param(0.0, marks=pytest.mark.slow), 7.0])
 def test_the_padded_length_changes_neither_loss_nor_gradient(tiny, value):
     batch = batch_of(tiny, 3)
     assert len(set(batch.example_length.tolist())) == 2
