@@ -1,0 +1,52 @@
+"""The `zeggs` command: one function for each subcommand, one sentence for each thing that can go wrong."""
+
+import os
+import sys
+from importlib.metadata import version
+
+import tyro
+
+from . import learn, perform, style
+
+COMMANDS = (
+    perform.demo,
+    perform.generate,
+    style.embed,
+    style.styles,
+    learn.prepare,
+    learn.train,
+    learn.convert,
+    perform.view,
+)
+app = tyro.extras.SubcommandApp()
+for command in COMMANDS:
+    app.command(command)
+
+
+def _sentence(error: Exception) -> str:
+    """What an error says, in one line; those of the system name the file first."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"'{error.filename}' cannot be read or written ({error.strerror}); check its name, its rights, the disk."
+    return " ".join(str(error).split())
+
+
+def main() -> None:
+    """Runs the command line; bad input ends in one sentence on stderr and exit status 2."""
+    if sys.argv[1:] == ["--version"]:
+        print(f"zeggs-jax {version('zeggs-jax')}")
+        return
+    try:
+        app.cli(
+            prog="zeggs",
+            description="Speech in, a moving body out, in a style you choose.",
+        )
+    except KeyboardInterrupt as stop:
+        print(f"zeggs: {str(stop) or 'stopped'}.", file=sys.stderr)
+        sys.exit(130)
+    except (ValueError, OSError) as error:
+        if os.environ.get("ZEGGS_DEBUG"):
+            raise
+        print(f"zeggs: {_sentence(error)}", file=sys.stderr)
+        if train := sys.modules.get("zeggs_jax.zeroeggs.train"):
+            train.devices.leave(2)  # one process of several must not wait for the others, which wait for it
+        sys.exit(2)

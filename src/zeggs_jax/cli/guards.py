@@ -1,0 +1,36 @@
+"""What every command checks of the names it was given, before any work is done."""
+
+import os
+from pathlib import Path
+
+
+def stem(style: str) -> str:
+    return Path(style).stem
+
+
+def frame_range(text: str) -> tuple[int, int]:
+    start, colon, stop = text.partition(":")
+    if not (colon and start.strip().isdigit() and stop.strip().isdigit() and int(start) < int(stop)):
+        raise ValueError(f"--frames got '{text}'; give START:STOP in frames, such as 30:150.")
+    return int(start), int(stop)
+
+
+def prepare_folder(folder: Path) -> None:
+    """Creates the folder and proves that it can be written to, before any work is done."""
+    probe = folder / f".zeggs-{os.getpid()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise ValueError(f"cannot write to folder '{folder}' ({error.strerror}); name another one.") from error
+
+
+def keep_inputs(outputs: tuple[Path, ...], inputs: tuple[str, ...]) -> None:
+    """Refuses to write over what is read, over a folder, or twice to one place."""
+    read = {Path(name).resolve() for name in inputs}
+    for number, path in enumerate(outputs):
+        if path.resolve() in read or path.resolve() in {other.resolve() for other in outputs[:number]}:
+            raise ValueError(f"'{path}' would be written over; give the output another name.")
+        if path.is_dir():
+            raise ValueError(f"'{path}' is a folder; give the name of a file.")

@@ -1,0 +1,124 @@
+"""Commands that make and show motion: demo, generate, view."""
+
+import shutil
+from pathlib import Path
+
+from tqdm import tqdm
+from tyro.conf import Positional
+
+from .arguments import Out, Ranges, Styles
+from .guards import frame_range, keep_inputs, prepare_folder, stem
+
+
+def demo(
+    out: Out = Path("demo"),
+    styles: tuple[str, ...] = ("neutral", "happy", "angry", "old", "sad", "oration"),
+    speech: Path | None = None,
+    seed: int = 1234,
+) -> None:
+    """Make one speech gesture in several styles: BVH and WAV files and one page, index.html, to watch them.
+
+    Args:
+        out: The folder to write to.
+        styles: Bundled styles to show, or style clips.
+        speech: A recording of your own; a bundled one when left out.
+        seed: The seed of the style samples.
+    """
+    from ..stage import player
+    from ..zeroeggs import generate as g
+
+    prepare_folder(out)
+    model, speech = g.bundled_model(), speech or next(iter(g.bundled_speech().values()))
+    copy = out / f"speech{speech.suffix}"
+    keep_inputs((copy, *(out / f"{stem(style)}.bvh" for style in styles)), (str(speech), *styles))
+    figures = []
+    for style in tqdm(styles, desc="generating", unit="style"):
+        gesture = g.generate(speech, g.Request(styles=(style,), seed=seed), model=model)
+        name = stem(style)
+        g.save(out / f"{name}.bvh", gesture)
+        figures.append(player.Figure(name, gesture.clip, speech))
+    shutil.copyfile(speech, copy)
+    player.write(out / "index.html", figures, title="One speech, several styles")
+    print(f"wrote {len(figures)} BVH files, their speech and a page; open {out / 'index.html'}")
+
+
+def generate(
+    speech: Positional[Path | None] = None,
+    /,
+    *,
+    out: Out,
+    style: Styles = (),
+    weights: tuple[float, ...] = (),
+    spans: tuple[float, ...] = (),
+    frames: Ranges = (),
+    first_pose: Path | None = None,
+    temperature: float = 1.0,
+    seed: int = 1234,
+    html: Path | None = None,
+    checkpoint: Path | None = None,
+    csv: Path | None = None,
+) -> None:
+    """Make a gesturing body from a speech recording, in a style.
+
+    Args:
+        speech: A WAV, FLAC or OGG recording.
+        out: The BVH file to write (with --csv: the folder).
+        style: A bundled style (see 'zeggs styles'), a .bvh clip, or an .npz from 'zeggs embed'; repeat to mix.
+        weights: Blend the styles with these weights (they sum to 1).
+        spans: Or play the styles one after the other, each for this share of the time (they sum to 1).
+        frames: Cut the style clips to frames A to B (B not included); one for each style, or one for all.
+        first_pose: A .bvh whose first frame the body starts from.
+        temperature: 0 gives the mean of the style, higher values vary more.
+        seed: The same seed gives the same file.
+        html: Also write a page that plays the body with its speech.
+        checkpoint: A model of your own, from 'zeggs train' or 'zeggs convert'.
+        csv: Make many at once from a table with the columns audio, style, file_name, temperature, seed, frames ("A B"),
+            first_pose, base_path, generate (all but audio may be left out).
+    """
+    from ..stage import player
+    from ..zeroeggs import generate as g
+
+    if csv is None and speech is None:
+        raise ValueError("no speech was given; name a recording, or a table of them with --csv.")
+    if csv is not None and (speech is not None or html is not None):
+        raise ValueError("--csv names the recordings itself; leave SPEECH and --html out.")
+    request = g.Request(
+        styles=style or ("neutral",),
+        weights=weights,
+        spans=spans,
+        frames=tuple(frame_range(text) for text in frames),
+        first_pose=None if first_pose is None else str(first_pose),
+        temperature=temperature,
+        seed=seed,
+    )
+    outputs = () if csv else tuple(filter(None, (out, html)))
+    keep_inputs(outputs, (str(speech), *request.styles, str(first_pose)))
+    for folder in (out,) if csv else (path.parent for path in outputs):
+        prepare_folder(folder)
+    model = g.load_model(checkpoint) if checkpoint else g.bundled_model()
+    if csv is not None:
+        from ..zeroeggs import batch
+
+        print(f"wrote {len(batch.generate_all(csv, out, request, model))} files to {out}")
+        return
+    assert speech is not None
+    gesture = g.generate(speech, request, model=model)
+    g.save(out, gesture)
+    if html is not None:
+        player.write(html, [player.Figure(" + ".join(map(stem, request.styles)), gesture.clip, speech)])
+    print(f"wrote {out}: {gesture.clip.euler.shape[0]} frames")
+
+
+def view(clips: Positional[tuple[Path, ...]], /, *, out: Out = Path("view.html"), speech: Path | None = None) -> None:
+    """Write a page that plays BVH clips side by side, with a speech if one is given.
+
+    Args:
+        clips: The .bvh files.
+        out: The page to write.
+        speech: The recording to play with them.
+    """
+    from ..stage import player
+
+    prepare_folder(out.parent)
+    player.write(out, [player.read_figure(clip, speech) for clip in clips])
+    print(f"wrote {out}")
