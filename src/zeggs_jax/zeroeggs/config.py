@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from ..data.body import AS_IS, BodyConfig
 from ..motion import pose
 from ..speech.features import SpeechFeatureConfig
+from . import encoders
 from .decoder import DecoderConfig
 from .speech_encoder import SpeechEncoderConfig
 from .style_encoder import StyleEncoderConfig
@@ -35,7 +36,8 @@ class ZeroEggsConfig:
     body: BodyConfig = AS_IS  # how files of the model's body are read: units, axes and roles, as in training
 
     def __post_init__(self) -> None:
-        if bool(self.labels) != (self.style.kind == "label"):
+        encoders.check(self.style.kind)
+        if bool(self.labels) != (self.style.kind == encoders.LABEL):
             raise ValueError(
                 f"the style kind is '{self.style.kind}' and there are {len(self.labels)} labels; "
                 "give labels with kind 'label', and only with it."

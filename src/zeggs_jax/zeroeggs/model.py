@@ -22,12 +22,15 @@ from ..motion.skeleton import Skeleton
 from ..nn.compute import PLAIN, Compute, operands
 from .config import ZeroEggsConfig, from_dict, to_dict
 from .decoder import GAZE, Decoder, DecoderConfig, Frame, rollout
+from .encoders import ENCODERS, Encoder
 from .speech_encoder import SpeechEncoder, SpeechEncoderConfig
-from .style_encoder import StyleDistribution, StyleEncoder, StyleEncoderConfig, reparameterise, sample_style
+from .style_encoder import StyleDistribution, StyleEncoderConfig, reparameterise, sample_style
 
 __all__ = [
+    "ENCODERS",
     "Compute",
     "DecoderConfig",
+    "Encoder",
     "Model",
     "Params",
     "SpeechEncoderConfig",
@@ -65,7 +68,7 @@ def init(key: Array, config: ZeroEggsConfig) -> Params:
     given = Frame(jnp.zeros(config.speech.size), jnp.zeros(config.style_size), jnp.zeros(3))
     params = {"speech": SpeechEncoder(config.speech).init(keys["speech"], features)["params"]}
     if not config.labels:
-        params["style"] = StyleEncoder(config.style).init(keys["style"], seen[None], 1)["params"]
+        params["style"] = ENCODERS[config.style.kind].init(keys["style"], config.style, seen.shape[0])
     params["decoder"] = Decoder(config.decoder).init(keys["decoder"], seen, given)["params"]
     return params
 
@@ -101,12 +104,13 @@ def encode_style(
     Frames from `length` on are padding. As released, the gaze columns are zeros before they are scaled.
     """
     gazeless = jnp.pad(example, ((0, 0), (0, GAZE)))
-    encoder: Any = StyleEncoder(config.style, compute.matmul)
-    return encoder.apply(
-        {"params": operands(params["style"], compute.matmul)},
+    return ENCODERS[config.style.kind].apply(
+        operands(params["style"], compute.matmul),
+        config.style,
         scale.apply(scales.pose_in, gazeless),
         example.shape[0] if length is None else length,
-        **_dropout(dropout_key),
+        dropout_key,
+        compute.matmul,
     )
 
 

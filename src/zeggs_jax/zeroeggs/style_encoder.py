@@ -3,11 +3,12 @@
 Two kinds, as in the release: `attn` (convolutions, positions, one transformer block, mean over time: the
 paper's) and `gru` (convolutions, bidirectional GRU). Examples of different lengths are padded to one and
 masked; padding changes nothing, because the mask is applied again before every convolution, in the attention
-and in the mean.
+and in the mean. All kinds that a config can name are in `encoders.py`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +16,7 @@ from flax import linen as nn
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
+from ..motion.skeleton import Skeleton
 from ..nn.attention import TransformerBlock, masked, positions
 from ..nn.compute import Matmul
 from ..nn.layers import Conv, Dense, GRUCell, LayerNorm
@@ -26,13 +28,14 @@ RELU_GAIN = 2.0**0.5
 class StyleEncoderConfig:
     """Sizes of the style encoder; kind 'label' means one-hot styles and no encoder (the release's v2)."""
 
-    kind: Literal["attn", "gru", "label"] = "attn"
+    kind: str = "attn"  # a name in `encoders.ENCODERS`, or 'label'
     hidden: int = 512
     size: int = 64
     variational: bool = True
     heads: int = 4
     dropout: float = 0.2
     block_dropout: float = 0.1
+    parts: tuple[str, ...] = ()  # of kind 'parts', for every joint the part of the body it is in; training fills it in
 
     @property
     def outputs(self) -> int:
@@ -47,6 +50,50 @@ class StyleDistribution(NamedTuple):
     log_var: Float[Array, " Z"] | None
 
 
+def _as_it_is(config: StyleEncoderConfig, skeleton: Skeleton) -> StyleEncoderConfig:
+    return config
+
+
+class Encoder(NamedTuple):
+    """A kind of style encoder: two pure functions on a plain dict of parameters, for one clip.
+
+    init(key, config, inputs) -> params: drawn for examples of `inputs` numbers a frame.
+    apply(params, config, example[M, inputs], length, dropout_key, matmul) -> StyleDistribution of `config.size`
+    numbers. `example` is scaled (`Scales.pose_in`), a pose vector (`motion.pose.to_vector`) and three columns of
+    gaze in a row. Frames from `length` on, which may be traced, are padding: what stands there changes nothing.
+    `dropout_key` is None outside training. With `matmul` "bfloat16" matrices in `params` come rounded.
+    fit(config, skeleton) -> config: the config with what it has to know of the corpus's body, called by training.
+    """
+
+    init: Callable[[Array, StyleEncoderConfig, int], Any]
+    apply: Callable[[Any, StyleEncoderConfig, Array, ArrayLike, Array | None, Matmul], StyleDistribution]
+    fit: Callable[[StyleEncoderConfig, Skeleton], StyleEncoderConfig] = _as_it_is
+
+
+def from_linen(
+    network: Callable[[StyleEncoderConfig, Matmul], nn.Module],
+    fit: Callable[[StyleEncoderConfig, Skeleton], StyleEncoderConfig] = _as_it_is,
+) -> Encoder:
+    """The Encoder of a Linen module that is called with (example, length, deterministic)."""
+
+    def init(key: Array, config: StyleEncoderConfig, inputs: int) -> Any:
+        return network(config, "float32").init(key, jnp.zeros((1, inputs)), 1)["params"]
+
+    def apply(
+        params: Any,
+        config: StyleEncoderConfig,
+        example: Float[Array, "M P"],
+        length: ArrayLike,
+        dropout_key: Array | None,
+        matmul: Matmul,
+    ) -> StyleDistribution:
+        module: Any = network(config, matmul)
+        rngs = None if dropout_key is None else {"dropout": dropout_key}
+        return module.apply({"params": params}, example, length, dropout_key is None, rngs=rngs)
+
+    return Encoder(init, apply, fit)
+
+
 class StyleEncoder(nn.Module):
     """Fig. 3b; the frames of `example` from `length` on are padding."""
 
@@ -59,7 +106,7 @@ class StyleEncoder(nn.Module):
     ) -> StyleDistribution:
         """Scaled pose vectors (with gaze columns) -> distribution of the style embedding."""
         mask = jnp.arange(example.shape[0]) < length
-        kind = AttentionEncoder if self.config.kind == "attn" else RecurrentEncoder
+        kind = RecurrentEncoder if self.config.kind == "gru" else AttentionEncoder
         outputs = kind(self.config, self.matmul, name="encoder")(masked(example, mask), mask, deterministic)
         if not self.config.variational:
             return StyleDistribution(outputs, None)

@@ -26,6 +26,7 @@ from ..training.optimiser import radam, stepped_rate
 from ..training.step import TrainState, begin, make_step
 from .checkpoints import describe
 from .config import from_dict, to_dict
+from .encoders import ENCODERS
 from .model import init
 from .objective import Setting, loss_fn
 from .run_folder import check_same, write_json
@@ -84,7 +85,7 @@ def optimiser(config: TrainConfig) -> optax.GradientTransformation:
 
 
 def fit_config(config: TrainConfig, corpus: Prepared) -> TrainConfig:
-    """The config with the corpus's joints, frame time, speech features and way of reading bodies."""
+    """The config with the corpus's joints, frame time, speech features, way of reading bodies and parts of the body."""
     model = config.model
     if model.labels and model.labels != corpus.styles:
         raise ValueError(
@@ -94,9 +95,11 @@ def fit_config(config: TrainConfig, corpus: Prepared) -> TrainConfig:
     speech = dataclasses.replace(model.speech, features=corpus.speech.shape[1])
     joints = len(corpus.skeleton)
     heard = from_dict(SpeechFeatureConfig, corpus.config.get("speech", {}), f"config of '{corpus.folder}'")
+    style = model.style if model.labels else ENCODERS[model.style.kind].fit(model.style, corpus.skeleton)
     model = dataclasses.replace(
-        model, joints=joints, frame_time=corpus.frame_time, features=heard, speech=speech, body=corpus.body or AS_IS
-    )
+        model, joints=joints, frame_time=corpus.frame_time, features=heard, speech=speech, style=style,
+        body=corpus.body or AS_IS,
+    )  # fmt: skip
     return dataclasses.replace(config, model=model)
 
 
