@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from zeggs_jax.stage import figures, shapes
+from zeggs_jax.stage import drawing, figures, shapes
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -31,17 +31,17 @@ def test_a_strip_needs_no_label_and_picks_its_instants(tmp_path, clip):
 
 def test_the_figure_is_as_tall_as_its_row_allows(tmp_path, clip):
     used: set = set()
-    (drawing,) = figures.row(clip, [0.0], "#c4674a", figures.Layout(height=200), used)
+    (drawing,) = figures.row(clip, [0.0], "#c4674a", drawing.Layout(height=200), used)
     heights = [float(word.split(")")[0].split()[1]) for word in drawing.split("translate(")[1:]]
     assert -190 < min(heights) < -130
     assert max(heights) < 12
 
 
 def test_the_camera_keeps_lengths_and_faces_the_character():
-    view = figures.camera(0.7, 0.2)
+    view = drawing.camera(0.7, 0.2)
     np.testing.assert_allclose(view @ view.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(view) == pytest.approx(1.0)
-    np.testing.assert_allclose(figures.camera(0.0, 0.0), np.eye(3), atol=1e-12)  # +z looks at us, its left on our right
+    np.testing.assert_allclose(drawing.camera(0.0, 0.0), np.eye(3), atol=1e-12)  # +z looks at us, its left on our right
 
 
 def test_paths_come_back_to_their_points():
