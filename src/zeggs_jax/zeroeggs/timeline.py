@@ -11,12 +11,13 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
+from ..speech import transcript
 from ..speech.transcript import Sentence
 from . import timeline_text
 from .cue import SAME, Cue, Curve, Number, Timeline, check, lasting
 
 __all__ = ["Cue", "Curve", "Timeline", "by_sentence", "check", "names", "put", "read", "remove", "sequence", "shares"]
-__all__ += ["shift", "stretch", "write"]
+__all__ += ["shift", "spoken", "stretch", "write"]
 
 
 def read(path: str | Path) -> Timeline:
@@ -98,6 +99,11 @@ def stretch(timeline: Timeline, factor: Number) -> Timeline:
 def names(timeline: Timeline) -> tuple[str, ...]:
     """The styles of all cues, each once, in the order of their first appearance."""
     return tuple(dict.fromkeys(name for cue in timeline.cues for name, _ in cue.mix))
+
+
+def spoken(path: str | Path) -> tuple[Sentence, ...]:
+    """The sentences of a transcript with timed words; reads what `speech.transcript.read` does, with its errors."""
+    return transcript.sentences(transcript.read(path))
 
 
 def by_sentence(
