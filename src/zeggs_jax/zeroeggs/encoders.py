@@ -8,12 +8,16 @@ been added first.
 
 import difflib
 
+from .bottleneck_encoder import BOTTLENECK
+from .parts_encoder import PARTS_ENCODER
 from .style_encoder import Encoder as Encoder
 from .style_encoder import StyleEncoder, from_linen
 
 ENCODERS: dict[str, Encoder] = {
     "attn": from_linen(StyleEncoder),
     "gru": from_linen(StyleEncoder),
+    "bottleneck": BOTTLENECK,
+    "parts": PARTS_ENCODER,
 }
 LABEL = "label"  # one-hot styles: no encoder
 

@@ -16,7 +16,7 @@ def torch_names(config: ZeroEggsConfig) -> dict[str, str]:
     """The release's names of our parameters: 'speech/conv0/weight' -> 'speech_encoder/layer0.weight'."""
     if config.style.kind not in RELEASED:
         raise ValueError(
-            f"the style kind is '{config.style.kind}', the release's are {', '.join(RELEASED)}: it cannot hold this model."
+            f"the style kind is '{config.style.kind}'; the release, which has {', '.join(RELEASED)}, cannot hold it."
         )
     if not config.decoder.initialiser:
         raise ValueError("the decoder has no initialiser; the release's always has one: it cannot hold this model.")
