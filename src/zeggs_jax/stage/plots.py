@@ -66,7 +66,7 @@ def _write(path: Path, figure: Figure) -> None:
         from PIL import Image
 
         image = (
-            Image.open(drawn).convert("RGB").quantize(255, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+            Image.open(drawn).convert("RGB").quantize(255, method=Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
         )
         drawn = io.BytesIO()
         image.save(drawn, format="png", optimize=True, dpi=(DPI, DPI))
