@@ -99,7 +99,10 @@ def _json(text: str) -> list[Word]:
         return _punctuated(list(_timed(data["words"])), data.get("text"))
     found: list[Word] = []
     for part in data["segments"]:
-        found += _timed(part["words"]) if part.get("words") else _shared(part["text"], part["start"], part["end"])
+        if part.get("words"):
+            found += _timed(part["words"])
+        else:
+            found += _shared(str(part["text"]), float(part["start"]), float(part["end"]))
     return found
 
 
@@ -128,9 +131,9 @@ def _letters(text: str) -> str:
 
 def _shared(text: str, start: float, end: float) -> list[Word]:
     """The words of a timed segment, each with a share of its time by its letters."""
-    labels = str(text).split()
+    labels = text.split()
     until = [sum(len(one) for one in labels[:k]) for k in range(len(labels) + 1)]
-    at = [float(start) + (float(end) - float(start)) * letters / max(until[-1], 1) for letters in until]
+    at = [start + (end - start) * letters / max(until[-1], 1) for letters in until]
     return [Word(label, *span) for label, *span in zip(labels, at[:-1], at[1:], strict=True)]
 
 

@@ -36,20 +36,14 @@ def mix_of(text: str) -> dict[str, float]:
 
 def text_of(mix: Mapping[str, float]) -> str:
     """The text that `mix_of` reads as this mix; a ValueError for names that text cannot hold."""
-    text = " + ".join(f"{weight!r} {name}" for name, weight in mix.items())
-    if list(mix.values()) == [1.0]:
-        text = next(iter(mix))
-    try:
-        told = mix_of(text)
-    except ValueError:
-        told = {}
-    if told == dict(mix):
-        return text
-    if mix_of(f"1.0 {next(iter(mix))}") == dict(mix):
-        return f"1.0 {next(iter(mix))}"
-    raise ValueError(
-        f"the styles {', '.join(map(repr, mix))} cannot be written as 'a + b'; save the timeline as .json."
-    )
+    name, full = next(iter(mix)), " + ".join(f"{weight!r} {name}" for name, weight in mix.items())
+    for text in (name, full) if list(mix.values()) == [1.0] else (full,):
+        try:
+            if mix_of(text) == dict(mix):
+                return text
+        except ValueError:
+            continue
+    raise ValueError(f"the styles {list(mix)} cannot be written as 'a + b'; save the timeline as .json.")
 
 
 def load(path: Path) -> list[tuple[str, Entry]]:
