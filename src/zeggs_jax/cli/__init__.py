@@ -6,13 +6,14 @@ from importlib.metadata import version
 
 import tyro
 
-from . import learn, perform, style
+from . import learn, perform, style, timeline
 
 COMMANDS = (
     perform.demo,
     perform.generate,
     style.embed,
     style.styles,
+    timeline.timeline,
     learn.prepare,
     learn.train,
     learn.convert,

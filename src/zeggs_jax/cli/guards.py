@@ -34,3 +34,11 @@ def keep_inputs(outputs: tuple[Path, ...], inputs: tuple[str, ...]) -> None:
             raise ValueError(f"'{path}' would be written over; give the output another name.")
         if path.is_dir():
             raise ValueError(f"'{path}' is a folder; give the name of a file.")
+
+
+def number(text: str, told: str) -> float:
+    """The number that the text is; else a ValueError that says what was `told`."""
+    try:
+        return float(text)
+    except ValueError as error:
+        raise ValueError(f"{told}, but '{text}' is no number.") from error
