@@ -3,7 +3,6 @@
 import hashlib
 import json
 import os
-from collections.abc import Sequence
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -20,26 +19,17 @@ from ..motion.features import Motion
 from ..motion.pose import Pose
 from ..speech import features as speech_features
 from ..speech import wav
-from . import examples, style_space
+from . import examples, steering, style_space, timeline
 from .checkpoints import digest, load_model
-from .examples import Example, Frames
-from .model import Model, decode, encode_speech, sample_style
+from .model import Model, decode, encode_speech
+from .steering import Request, read_styles, starting_pose, style_sequence
+
+__all__ = ["BUNDLE", "Gesture", "Request", "bundled_model", "bundled_speech", "generate", "load_model", "provenance"]
+__all__ += ["read_speech", "read_styles", "save", "starting_pose", "style_sequence", "synthesize"]
 
 Speech = str | Path | np.ndarray
 BUNDLE = Path(str(files("zeggs_jax.zeroeggs") / "pretrained"))
 PADDING = 300  # frames: lengths are rounded up to this, so that few lengths compile
-
-
-class Request(NamedTuple):
-    """What to make: everything that decides the output, besides the speech and the model."""
-
-    styles: tuple[str, ...] = ("neutral",)  # bundled names, .bvh clips, saved .npz embeddings, or labels
-    weights: tuple[float, ...] = ()  # blend the styles with these weights (they sum to 1)
-    spans: tuple[float, ...] = ()  # or play them one after the other, with these shares of the time
-    frames: tuple[Frames, ...] = ()  # cut the style clips: one (start, stop) for each style, or one for all
-    first_pose: str | None = None  # a .bvh whose first frame starts the body; default: the last style clip
-    temperature: float = 1.0  # 0 = the mean of the style; higher = more varied
-    seed: int = 1234
 
 
 class Gesture(NamedTuple):
@@ -47,7 +37,8 @@ class Gesture(NamedTuple):
 
     clip: Clip
     style: Float[Array, "T Z"]  # the embedding of every frame
-    provenance: dict[str, Any]  # version, model digest, seed, arguments
+    provenance: dict[str, Any]  # version, model digest, seed, arguments, notes
+    notes: tuple[str, ...]  # what is worth knowing of the style: that it lies far outside the library
 
 
 def bundled_model() -> Model:
@@ -77,16 +68,19 @@ def generate(speech: Speech, style: str | Request = "neutral", *, model: Model |
     request = style if isinstance(style, Request) else Request(styles=(str(style),))
     model = bundled_model() if model is None else model
     spectrum = read_speech(speech, model)
-    chosen = read_styles(request, model)
+    rate_hz = bvh.rate_hz(model.config.frame_time)
+    space = steering.read_space(request, model)
+    chosen = read_styles(request, model, space)
     start = starting_pose(request, chosen, model)
-    sequence = style_sequence(request, chosen, frames=len(spectrum))
+    sequence = style_sequence(request, chosen, len(spectrum), rate_hz, space)
+    notes = steering.notes(request, chosen, len(spectrum), rate_hz, space)
     poses = synthesize(model, spectrum, sequence, start)
     clip = features.decode(poses, model.skeleton, model.config.frame_time)
     if not (np.isfinite(clip.euler).all() and np.isfinite(clip.positions).all()):
         raise ValueError(
             "the model made motion that is not finite; check its checkpoint, the style and the temperature."
         )
-    return Gesture(clip, sequence, provenance(speech, request, model))
+    return Gesture(clip, sequence, {**provenance(speech, request, model), "notes": notes}, notes)
 
 
 def read_speech(speech: Speech, model: Model) -> Float[Array, "T F"]:
@@ -102,48 +96,6 @@ def read_speech(speech: Speech, model: Model) -> Float[Array, "T F"]:
     if not len(spectrum):
         raise ValueError(f"speech '{_named(speech)}' is shorter than one frame of motion; give a longer recording.")
     return jnp.asarray(spectrum)
-
-
-def read_styles(request: Request, model: Model) -> list[Example]:
-    """The request's styles, encoded (Fig. 3b)."""
-    count = len(request.styles)
-    if count == 0:
-        raise ValueError("no style was given; name a bundled style, a .bvh clip or a saved .npz embedding.")
-    if len(request.frames) not in (0, 1, count):
-        raise ValueError(f"got {len(request.frames)} frame ranges for {count} styles; give one or {count}.")
-    ranges = request.frames * count if len(request.frames) == 1 else request.frames or (None,) * count
-    return [examples.read(name, model, cut) for name, cut in zip(request.styles, ranges, strict=True)]
-
-
-def starting_pose(request: Request, chosen: Sequence[Example], model: Model) -> Motion:
-    """Frame 0 and gaze of `first_pose`, else of the last style that has them (as released)."""
-    if request.first_pose is not None:
-        return examples.read_motion(Path(request.first_pose), model, what="first pose")
-    starts = [example.start for example in chosen if example.start is not None]
-    if not starts:
-        raise ValueError("a label has no pose to start from; give a .bvh with --first-pose.")
-    return starts[-1]
-
-
-def style_sequence(request: Request, chosen: Sequence[Example], frames: int) -> Float[Array, "T Z"]:
-    """Samples every style and blends or stitches them over `frames` frames (Sec. 5.2)."""
-    if not 0.0 <= request.temperature < np.inf:
-        raise ValueError(f"temperature is {request.temperature:g}; give 0 (the mean) or more.")
-    if not 0 <= request.seed < 2**32:
-        raise ValueError(f"seed is {request.seed}; give a whole number from 0 to {2**32 - 1}.")
-    keys = jax.random.split(jax.random.key(request.seed), len(chosen))
-    drawn = [sample_style(k, e.style, request.temperature) for k, e in zip(keys, chosen, strict=True)]
-    embeddings = jnp.stack(drawn)
-    if request.weights and request.spans:
-        raise ValueError("both weights and spans were given; weights blend, spans follow each other: give one.")
-    if request.spans:
-        shares = style_space.check_shares(request.spans, len(chosen), "spans")
-        if min(shares) < 0.0:
-            raise ValueError(f"the spans {shares} are shares of the time; give numbers from 0 to 1.")
-        return style_space.stitch(embeddings, shares, frames)
-    weights = request.weights or (1.0 / len(chosen),) * len(chosen)
-    weights = style_space.check_shares(weights, len(chosen), "weights")
-    return style_space.hold(style_space.blend(embeddings, jnp.asarray(weights)), frames)
 
 
 def synthesize(model: Model, spectrum: Float[Array, "T F"], style: Float[Array, "T Z"], start: Motion) -> Pose:
@@ -163,14 +115,16 @@ _decode = jax.jit(decode, static_argnames=("config",))
 
 def provenance(speech: Speech, request: Request, model: Model) -> dict[str, Any]:
     """Version, model, seed, arguments and the digests of all inputs: what it takes to make the same bytes again."""
-    named = (*request.styles, *filter(None, (request.first_pose,)))
-    found = {name: examples.bundled().get(name, Path(name)) for name in named}
+    styles = timeline.names(request.timeline) if request.timeline else request.styles or ("neutral",)
+    named = (*styles, *filter(None, (request.first_pose, request.library)))
+    found = {name: examples.bundled().get(name, examples.split(name)[0]) for name in named}
+    cues = [cue._asdict() for cue in request.timeline.cues] if request.timeline else None
     return {
         "zeggs_jax": version("zeggs-jax"),
         "model_sha256": digest(model),
         "seed": request.seed,
         "speech": {"name": _named(speech), "sha256": _sha256(speech)},
-        "arguments": request._asdict(),
+        "arguments": {**request._asdict(), "timeline": cues},
         "inputs_sha256": {name: _sha256(path) for name, path in found.items() if path.is_file()},
     }
 

@@ -64,12 +64,18 @@ def check_component(number: int, count: int) -> None:
         raise ValueError(f"component {number} was asked for, but the library has components 1 to {count}.")
 
 
-def check_points(points: Float[Array, "N Z"], what: str) -> None:
-    """ValueError for points too few, all in one place or not finite; `what` is what they have none of."""
+def check_points(points: Float[Array, "N Z"], what: str, least: int = 3) -> None:
+    """ValueError for points that have no `what`: fewer than `least`, all in one place, or not finite."""
+    reason = lacking(points, least)
+    if reason:
+        raise ValueError(f"a library of {reason} has no {what}; embed {least} or more clips that differ.")
+
+
+def lacking(points: Float[Array, "N Z"], least: int = 3) -> str:
+    """What these points are, where they are too few, all in one place or not finite; else ''."""
     count = len(points)
-    if count < 3:
-        raise ValueError(f"a library of {count} embedding{'s'[: count != 1]} has no {what}; embed 3 or more clips.")
+    if count < least:
+        return "1 embedding" if count == 1 else f"{count} embeddings"
     if not np.isfinite(np.asarray(points)).all():
-        raise ValueError(f"a library with embeddings that are not finite has no {what}; embed its clips again.")
-    if not float(jnp.ptp(points, axis=0).max()) > 0.0:
-        raise ValueError(f"a library of {count} equal embeddings has no {what}; embed clips that differ.")
+        return "embeddings that are not finite"
+    return "" if float(jnp.ptp(points, axis=0).max()) > 0.0 else f"{count} equal embeddings"

@@ -14,7 +14,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from .cloud import Cloud, cloud, nearest, outlying
-from .principal import Principal, coordinates, move, principal, restore
+from .principal import Principal, check_points, coordinates, lacking, move, principal, restore
 from .style_encoder import StyleDistribution, sample_style
 
 __all__ = [
@@ -23,11 +23,13 @@ __all__ = [
     "arc",
     "blend",
     "boundaries",
+    "check_points",
     "check_shares",
     "cloud",
     "coordinates",
     "hold",
     "intensify",
+    "lacking",
     "line",
     "move",
     "nearest",
@@ -96,7 +98,7 @@ def vary(key: Array, distribution: StyleDistribution, count: int, temperature: A
 
 def prior(key: Array, size: int, count: int, temperature: ArrayLike = 1.0) -> Float[Array, "N Z"]:
     """`count` styles of nobody: draws from N(0, temperature^2), towards which the divergence pulls (Eq. 2)."""
-    return temperature * jax.random.normal(key, (count, size))
+    return jnp.asarray(temperature) * jax.random.normal(key, (count, size))
 
 
 def hold(embedding: Float[ArrayLike, " Z"], frames: int) -> Float[Array, "T Z"]:

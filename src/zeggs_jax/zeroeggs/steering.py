@@ -1,0 +1,193 @@
+"""What is asked for, turned into the style of every frame: mixed, exaggerated, moved, laid out over time (Sec. 5.2)."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..motion.features import Motion
+from . import examples, style_space
+from . import library as libraries
+from . import timeline as timelines
+from .library import Library
+from .model import Model, StyleDistribution, sample_style
+from .style_clip import Entry, Frames
+from .timeline import Timeline
+
+INSIDE = 1.005  # times as far out as the farthest clip: up to here it is inside, whatever the rounding
+
+
+class Request(NamedTuple):
+    """What to make: everything that decides the output, besides the speech and the model."""
+
+    styles: tuple[str, ...] = ()  # see `examples.read`; none: 'neutral', or with `pca` the library's mean
+    weights: tuple[float, ...] = ()  # blend the styles with these weights (they sum to 1)
+    spans: tuple[float, ...] = ()  # or play them one after the other, with these shares of the time
+    frames: tuple[Frames, ...] = ()  # cut the style clips: one (start, stop) for each style, or one for all
+    first_pose: str | None = None  # a .bvh whose first frame starts the body; default: the last style clip
+    temperature: float = 1.0  # 0 = the mean of the style; higher = more varied
+    seed: int = 1234
+    intensity: float = 1.0  # 0 = the library's mean, 1 = the style, above = exaggerated
+    pca: tuple[tuple[int, float], ...] = ()  # move along component 1, 2... by so many standard deviations
+    timeline: Timeline | None = None  # styles over time, in the place of `styles`
+    library: str | None = None  # the .npz of mean and components; default: the bundled model's own
+
+
+class Space(NamedTuple):
+    """What is known of a model's style space besides the styles asked for."""
+
+    library: Library | None  # None: the model has none, or is steered by labels
+    points: Float[Array, "N Z"] | None  # its embeddings, or the one-hot labels
+
+
+NOWHERE = Space(None, None)
+
+
+def read_space(request: Request, model: Model) -> Space:
+    """The request's library; else, of the bundled model, its own.
+
+    Raises:
+        ValueError, OSError: a library that does not read or is of another checkpoint, or a request that cannot do
+            without one where there is none.
+    """
+    if model.config.labels:
+        if request.library is not None or request.pca:
+            raise ValueError("this model is steered by labels and has no components; leave library and pca out.")
+        return Space(None, jnp.eye(len(model.config.labels)))
+    if request.library is None and not libraries.is_bundled(model):
+        if _needs_space(request):
+            raise ValueError(
+                "intensity and components are measured in a style library, and this model comes with none; "
+                "make one of its corpus with 'zeggs embed' and give it with --library."
+            )
+        return NOWHERE
+    library = libraries.bundled(model) if request.library is None else libraries.load(request.library, model)
+    points = libraries.points(library)
+    if _needs_space(request):
+        style_space.check_points(points, "mean and no directions", least=3 if request.pca else 2)
+    return Space(library, points)
+
+
+def _needs_space(request: Request) -> bool:
+    cues = request.timeline.cues if request.timeline else ()
+    return bool(request.pca) or any(amount != 1.0 for amount in (request.intensity, *(c.intensity for c in cues)))
+
+
+def read_styles(request: Request, model: Model, space: Space | None = None) -> list[Entry]:
+    """The request's styles, encoded (Fig. 3b): those it names, those of its timeline, or the library's mean."""
+    space = read_space(request, model) if space is None else space
+    styles = request.styles
+    if request.timeline is not None:
+        if styles or request.weights or request.spans or request.frames:
+            raise ValueError("a timeline names its styles itself; leave styles, weights, spans and frames out.")
+        styles = timelines.names(request.timeline)
+    elif not styles and request.pca and space.library is not None and space.points is not None:
+        mean = space.points.mean(0)
+        start = libraries.start_near(space.library, mean)
+        return [Entry("the mean", "", "the mean of the library", None, StyleDistribution(mean, None), start)]
+    styles = styles or ("neutral",)
+    count = len(styles)
+    if len(request.frames) not in (0, 1, count):
+        raise ValueError(f"got {len(request.frames)} frame ranges for {count} styles; give one or {count}.")
+    ranges = request.frames * count if len(request.frames) == 1 else request.frames or (None,) * count
+    named = space.library if request.library is not None else None  # whose names count before the bundled ones
+    return [examples.read(style, model, cut, named) for style, cut in zip(styles, ranges, strict=True)]
+
+
+def starting_pose(request: Request, chosen: Sequence[Entry], model: Model) -> Motion:
+    """Frame 0 and gaze of `first_pose`; else of the last style that has them (as released).
+
+    A timeline begins in the pose of its first style, the heaviest of a mix.
+    """
+    if request.first_pose is not None:
+        return examples.read_motion(examples.split(request.first_pose)[0], model, what="first pose")
+    entries = list(chosen)
+    if request.timeline is not None:
+        weights = dict(request.timeline.cues[0].mix)
+        order = timelines.names(request.timeline)
+        entries = [entry for _, entry in sorted(zip(order, chosen, strict=True), key=lambda e: weights.get(e[0], -1.0))]
+    starts = [entry.start for entry in entries if entry.start is not None]
+    if not starts:
+        raise ValueError("the style has no pose to start from; give a .bvh with --first-pose.")
+    return starts[-1]
+
+
+def style_sequence(
+    request: Request, chosen: Sequence[Entry], frames: int, rate_hz: float = 30.0, space: Space = NOWHERE
+) -> Float[Array, "T Z"]:
+    """A sample of every style, steered and laid out over `frames` frames.
+
+    Raises:
+        ValueError: whatever of the request is out of range or does not go together.
+    """
+    if not 0.0 <= request.temperature < np.inf:
+        raise ValueError(f"temperature is {request.temperature:g}; give 0 (the mean) or more.")
+    if not 0 <= request.seed < 2**32:
+        raise ValueError(f"seed is {request.seed}; give a whole number from 0 to {2**32 - 1}.")
+    keys = jax.random.split(jax.random.key(request.seed), len(chosen))
+    drawn = [sample_style(k, e.distribution, request.temperature) for k, e in zip(keys, chosen, strict=True)]
+    return _lay_out(request, jnp.stack(drawn), frames, rate_hz, space)
+
+
+def _lay_out(
+    request: Request, embeddings: Float[Array, "K Z"], frames: int, rate_hz: float, space: Space
+) -> Float[Array, "T Z"]:
+    """Blended, stitched or cued. Intensity and components act on each style before: of a blend that is the same."""
+    steered = _steer(request, embeddings, space)
+    if request.timeline is not None:
+        named = dict(zip(timelines.names(request.timeline), steered, strict=True))
+        centre = None if space.points is None else space.points.mean(0)
+        return timelines.sequence(request.timeline, named, centre, frames, rate_hz)
+    if request.weights and request.spans:
+        raise ValueError("both weights and spans were given; weights blend, spans follow each other: give one.")
+    if request.spans:
+        shares = style_space.check_shares(request.spans, len(steered), "spans")
+        if min(shares) < 0.0:
+            raise ValueError(f"the spans {shares} are shares of the time; give numbers from 0 to 1.")
+        return style_space.stitch(steered, shares, frames)
+    weights = request.weights or (1.0 / len(steered),) * len(steered)
+    weights = style_space.check_shares(weights, len(steered), "weights")
+    return style_space.hold(style_space.blend(steered, jnp.asarray(weights)), frames)
+
+
+def _steer(request: Request, embeddings: Float[Array, "K Z"], space: Space) -> Float[Array, "K Z"]:
+    if not np.isfinite(request.intensity) or not np.isfinite([amount for _, amount in request.pca]).all():
+        raise ValueError(f"intensity {request.intensity:g} or components {request.pca} are not finite; give numbers.")
+    if request.intensity != 1.0:
+        assert space.points is not None
+        centre = space.points.mean(0)
+        embeddings = jax.vmap(lambda z: style_space.intensify(z, centre, request.intensity))(embeddings)
+    if request.pca:
+        assert space.points is not None
+        components = style_space.principal(space.points)
+        amounts = dict(request.pca)
+        if len(amounts) < len(request.pca):
+            raise ValueError(f"the components {request.pca} name one twice; give each once.")
+        embeddings = jax.vmap(lambda z: style_space.move(components, z, amounts))(embeddings)
+    return embeddings
+
+
+def notes(request: Request, chosen: Sequence[Entry], frames: int, rate_hz: float, space: Space) -> tuple[str, ...]:
+    """What is worth knowing of the styles asked for: how far outside the library's cloud they reach, at their means."""
+    if space.points is None or style_space.lacking(space.points):
+        return ()
+    means = jnp.stack([entry.distribution.mean for entry in chosen])
+    sequence = _lay_out(request, means, frames, rate_hz, space)
+    cloud = style_space.cloud(space.points)
+    far = np.asarray(jax.vmap(lambda z: style_space.outlying(cloud, z))(sequence))
+    frame = int(far.argmax())
+    if far[frame] <= INSIDE:
+        return ()
+    where = f"the timeline at {frame / rate_hz:.1f} s" if request.timeline else _described(request, chosen)
+    return (f"{where} lies {far[frame]:.1f} times as far out as the farthest clip of the style library.",)
+
+
+def _described(request: Request, chosen: Sequence[Entry]) -> str:
+    said = " + ".join(f"'{entry.name}'" for entry in chosen)
+    if request.intensity != 1.0:
+        said = f"intensity {request.intensity:g} of {said}"
+    moved = ", ".join(f"component {number} {amount:+g}" for number, amount in request.pca)
+    return f"{said} with {moved}" if moved else said
