@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLUMN, PAGE = 3.4, 7.0  # inches: the width of a column and of a page
+NAMED = 24  # clips: so many styles of one clip each are named on a map
 FORMATS = (".png", ".svg", ".pdf")
 DPI = 300
 INK, SOFT, PALE = "#2b2f36", "#8a9099", "#d9dce1"  # text and lines, what is minor, grids
@@ -87,7 +88,8 @@ def space(
 ) -> None:
     """Writes the map of a style space (Fig. 8a): N clips by their first two principal components, by style.
 
-    `points` are in standard deviations; a label of a single clip is drawn as a small grey dot without its name.
+    `points` are in standard deviations; a label of a single clip is drawn as a small grey dot without its name, unless
+    all labels are so and few.
     `shares` of the variance stand at the axes (0 to 1); `marked` are places to point out, by name.
 
     Raises ValueError where points and labels do not fit or hold NaN, or the name is none of a picture's.
@@ -111,6 +113,8 @@ def scatter(
         )
     stars = {name: np.asarray(at, np.float64) for name, at in (marked or {}).items()}
     names = sorted({label for label in labels if list(labels).count(label) > 1})
+    if not names and len(labels) <= NAMED:
+        names = sorted(set(labels))
     alone = np.array([label not in names for label in labels])
     axes.axhline(0.0, color=PALE, linewidth=0.5, zorder=0)
     axes.axvline(0.0, color=PALE, linewidth=0.5, zorder=0)
