@@ -1,13 +1,15 @@
 """Commands that make and show motion: demo, generate, view."""
 
 import shutil
+import sys
 from pathlib import Path
+from typing import Annotated
 
 from tqdm import tqdm
-from tyro.conf import Positional
+from tyro.conf import Positional, UseAppendAction, arg
 
 from .arguments import Out, Ranges, Styles
-from .guards import frame_range, keep_inputs, prepare_folder, stem
+from .guards import component, frame_range, keep_inputs, prepare_folder, stem
 
 
 def demo(
@@ -51,6 +53,10 @@ def generate(
     weights: tuple[float, ...] = (),
     spans: tuple[float, ...] = (),
     frames: Ranges = (),
+    timeline: Path | None = None,
+    intensity: float = 1.0,
+    pca: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="K=AMOUNT")] = (),
+    library: Path | None = None,
     first_pose: Path | None = None,
     temperature: float = 1.0,
     seed: int = 1234,
@@ -63,10 +69,16 @@ def generate(
     Args:
         speech: A WAV, FLAC or OGG recording.
         out: The BVH file to write (with --csv: the folder).
-        style: A bundled style (see 'zeggs styles'), a .bvh clip, or an .npz from 'zeggs embed'; repeat to mix.
+        style: A bundled style (see 'zeggs styles'), a .bvh clip, a library of one style from 'zeggs embed', or one of
+            its styles as in lib.npz:NAME; repeat to mix.
         weights: Blend the styles with these weights (they sum to 1).
         spans: Or play the styles one after the other, each for this share of the time (they sum to 1).
         frames: Cut the style clips to frames A to B (B not included); one for each style, or one for all.
+        timeline: Styles over time instead, from a file of 'zeggs timeline'.
+        intensity: 0 is the mean of the library, 1 the style, above 1 exaggerated.
+        pca: Move along a principal component of the library by so many standard deviations, as in 1=+2.0; repeat for
+            more. Without a style: from the library's mean.
+        library: A library from 'zeggs embed' for --intensity, --pca and names of styles; the bundled model has its own.
         first_pose: A .bvh whose first frame the body starts from.
         temperature: 0 gives the mean of the style, higher values vary more.
         seed: The same seed gives the same file.
@@ -77,22 +89,28 @@ def generate(
     """
     from ..stage import player
     from ..zeroeggs import generate as g
+    from ..zeroeggs import timeline as timelines
 
     if csv is None and speech is None:
         raise ValueError("no speech was given; name a recording, or a table of them with --csv.")
     if csv is not None and (speech is not None or html is not None):
         raise ValueError("--csv names the recordings itself; leave SPEECH and --html out.")
     request = g.Request(
-        styles=style or ("neutral",),
+        styles=style,
         weights=weights,
         spans=spans,
         frames=tuple(frame_range(text) for text in frames),
         first_pose=None if first_pose is None else str(first_pose),
         temperature=temperature,
         seed=seed,
+        intensity=intensity,
+        pca=tuple(component(text) for text in pca),
+        timeline=None if timeline is None else timelines.read(timeline),
+        library=None if library is None else str(library),
     )
     outputs = () if csv else tuple(filter(None, (out, html)))
-    keep_inputs(outputs, (str(speech), *request.styles, str(first_pose)))
+    shown = timelines.names(request.timeline) if request.timeline else request.styles
+    keep_inputs(outputs, (*map(str, filter(None, (speech, first_pose, timeline, library))), *shown))
     for folder in (out,) if csv else (path.parent for path in outputs):
         prepare_folder(folder)
     model = g.load_model(checkpoint) if checkpoint else g.bundled_model()
@@ -105,7 +123,10 @@ def generate(
     gesture = g.generate(speech, request, model=model)
     g.save(out, gesture)
     if html is not None:
-        player.write(html, [player.Figure(" + ".join(map(stem, request.styles)), gesture.clip, speech)])
+        title = " + ".join(map(stem, shown)) or ("neutral" if not pca else "the mean")
+        player.write(html, [player.Figure(title, gesture.clip, speech)])
+    for note in gesture.notes:
+        print(f"zeggs: note: {note}", file=sys.stderr)
     print(f"wrote {out}: {gesture.clip.euler.shape[0]} frames")
 
 
