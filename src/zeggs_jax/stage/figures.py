@@ -34,6 +34,12 @@ def pose_strip(
     ValueError without clips, with labels or times that do not fit; OSError where it cannot be written.
     """
     clips = [clips] if isinstance(clips, Clip) else list(clips)
+    check(clips, labels, times)
+    save(path, strip(clips, labels, times, count, layout or Layout()))
+
+
+def check(clips: Sequence[Clip], labels: Sequence[str], times: Sequence[float]) -> None:
+    """ValueError without clips, or with labels or times that do not fit them."""
     if not clips:
         raise ValueError("the strip of poses got no clips; give at least one.")
     if labels and len(labels) != len(clips):
@@ -42,7 +48,6 @@ def pose_strip(
         end = len(clip.euler) * clip.frame_time
         if any(not 0 <= time <= end for time in times):
             raise ValueError(f"the strip of poses got times {list(times)}, but a clip lasts from 0 to {end:.2f} s.")
-    save(path, strip(clips, labels, times, count, layout or Layout()))
 
 
 def strip(clips: Sequence[Clip], labels: Sequence[str], times: Sequence[float], count: int, layout: Layout) -> str:

@@ -57,6 +57,11 @@ def write(
     n-th frame when a clip has more than `max_rate` frames a second. Raises ValueError without figures, with
     motion that is not finite or a sound that cannot be read, OSError where the page cannot be written.
     """
+    save(path, page(title, scene(figures, max_rate)))
+
+
+def scene(figures: Sequence[Figure], max_rate: float = 60.0) -> dict[str, Any]:
+    """All that the page knows of its figures, ready for JSON; `write` says what it raises and `max_rate` means."""
     if not figures:
         raise ValueError("the player got no figures; give at least one clip to show.")
     tracks: dict[bytes, tuple[int, dict]] = {}
@@ -69,8 +74,7 @@ def write(
             index, _ = tracks.setdefault(key, (len(tracks), {"rate": rate, "samples": pack(samples[None])}))
             entry["track"] = index
         entries.append(entry)
-    scene = {"figures": entries, "tracks": [track for _, track in tracks.values()]}
-    save(path, page(title, scene))
+    return {"figures": entries, "tracks": [track for _, track in tracks.values()]}
 
 
 def page(title: str, scene: dict[str, Any]) -> str:

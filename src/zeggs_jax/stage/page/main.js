@@ -293,6 +293,7 @@ async function main() {
   scheme.addEventListener("change", restyle);
   layout(); restyle(); changed();
   requestAnimationFrame(frame);
+  if (scene.playing) { repeat(); toggle(); }            // goes on where another page was taken away
 
   window.player = {
     figures, tracks, camera, clock,
