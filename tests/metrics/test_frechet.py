@@ -143,7 +143,7 @@ def test_the_same_motion_at_twice_the_rate_is_near(net, truth, gesture):
 
 
 def test_halves_of_the_truth_are_apart_and_their_seed_fixes_them(truth):
-    clips = [frechet.postures(motion) for motion in truth]
+    clips = [frechet.moments(frechet.postures(motion)) for motion in truth]
     value = frechet.between_halves(clips, 0)
     assert value > 0.0
     assert frechet.between_halves(clips, 0) == value
@@ -154,8 +154,8 @@ def test_halves_of_the_truth_are_apart_and_their_seed_fixes_them(truth):
 
 def test_halves_show_the_same_styles_where_styles_are_known(truth):
     """Two styles a metre apart: halves of mixed clips would measure how the styles were dealt out."""
-    near = [frechet.postures(motion) for motion in truth[:4]]
-    far = [samples + 100.0 for samples in near]
+    near = [frechet.moments(frechet.postures(motion)) for motion in truth[:4]]
+    far = [samples._replace(mean=samples.mean + 100.0) for samples in near]
     mixed = frechet.between_halves([*near, *far], 0)
     assert frechet.between_halves([*near, *far], 0, ["near"] * 4 + ["far"] * 4) < 0.1 * mixed
 
@@ -165,3 +165,17 @@ def test_no_motion_is_refused(truth):
         frechet.geometric([], truth)
     with pytest.raises(ValueError, match="too few"):
         frechet.geometric([truth[0]._replace(positions=truth[0].positions[:60])], truth)
+
+
+def test_from_moments_it_is_the_same_distance(truth):
+    """Clips drawn again, one of them twice: the samples put together, or their moments."""
+    draw = np.random.default_rng(3)
+    clips = [draw.normal(size=(n, 5)) @ draw.normal(size=(5, 5)) + 10.0 * draw.normal(size=5) for n in (30, 50, 41)]
+    known = [frechet.moments(clip) for clip in clips]
+    drawn = [0, 2, 2]
+    plain = frechet.distance(np.concatenate([clips[k] for k in drawn]), np.concatenate(clips))
+    found = frechet.between(frechet.normal([known[k] for k in drawn]), frechet.normal(known))
+    assert found == pytest.approx(plain, rel=1e-7)
+    assert frechet.between(frechet.normal(known), frechet.normal(known)) == pytest.approx(0.0, abs=1e-9)
+    with pytest.raises(ValueError, match="too few"):
+        frechet.normal([frechet.moments(clips[0][:9])])

@@ -75,12 +75,12 @@ def judge(
 
 
 def own_accuracy(statistics: Float[np.ndarray, "N S"], styles: Sequence[str]) -> float:
-    """Share of clips that are recognised by centroids made without them; see `own_hits`."""
-    return float(np.mean(own_hits(statistics, styles)))
+    """Share of clips that are recognised by centroids made without them; see `own`."""
+    return float(np.mean([seen == style for seen, style in zip(own(statistics, styles), styles, strict=True)]))
 
 
-def own_hits(statistics: Float[np.ndarray, "N S"], styles: Sequence[str]) -> tuple[bool, ...]:
-    """Of each clip whether it is recognised by centroids made without it.
+def own(statistics: Float[np.ndarray, "N S"], styles: Sequence[str]) -> tuple[str, ...]:
+    """The style that each clip is taken for by centroids made without it.
 
     Raises:
         ValueError: rows and styles that do not fit, statistics that are no numbers, a style of which there are fewer
@@ -94,8 +94,8 @@ def own_hits(statistics: Float[np.ndarray, "N S"], styles: Sequence[str]) -> tup
         )
     if single := sorted({style for style in styles if list(styles).count(style) < 2}):
         raise ValueError(f"only one recorded clip shows the style '{single[0]}'; give two or more of each style.")
-    hits = []
-    for k, style in enumerate(styles):
+    seen = []
+    for k in range(len(styles)):
         others = [other for at, other in enumerate(styles) if at != k]
-        hits.append(nearest(fit(np.delete(statistics, k, axis=0), others), statistics[k]) == style)
-    return tuple(hits)
+        seen.append(nearest(fit(np.delete(statistics, k, axis=0), others), statistics[k]))
+    return tuple(seen)

@@ -1,6 +1,7 @@
 """The measures of a report: of one clip, of a clip beside the recorded one, of a group beside the recorded ones."""
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from .beats import Times
 from .feet import Ground
 from .movement import Movement
 
-Better = Literal["low", "high", "as the truth"]
+Better = Literal["low", "high", "as the truth", "beside"]  # "beside": no good or bad, it is read beside another
 
 
 class Sample(NamedTuple):
@@ -32,6 +33,7 @@ class Measure(NamedTuple):
     unit: str
     better: Better
     text: str
+    ideal: float | None = None  # what the truth would have of itself, where that is the same for all
 
 
 MEASURES: dict[str, Measure] = {
@@ -43,13 +45,13 @@ MEASURES: dict[str, Measure] = {
     "hellinger_jerk": Measure("", "low", "the same of jerk"),
     "recognised": Measure("share", "high", "clips recognised as their style; the truth's own accuracy is the most"),
     "diversity": Measure("", "as the truth", "mean distance of the style statistics of two clips"),
-    "multimodality": Measure("", "high", "the same of two samples for one speech"),
+    "multimodality": Measure("", "beside", "the same of two samples for one speech"),
     "canonical": Measure("r", "high", "canonical correlation of made and recorded hands, fitted on the other clips"),
-    "ape": Measure("cm", "low", "average position error, from the hips"),
-    "ave": Measure("cm^2", "low", "average variance error, from the hips"),
-    "pck": Measure("share", "high", "joints within 10 cm of the recorded ones, from the hips"),
+    "ape": Measure("cm", "low", "average position error, from the hips, both in their mean heading"),
+    "ave": Measure("cm^2", "low", "average variance error, likewise"),
+    "pck": Measure("share", "high", "joints within 10 cm of the recorded ones, likewise"),
     "coverage_dice": Measure("", "high", "overlap of the areas that gestures cover"),
-    "coverage_area": Measure("", "as the truth", "covered area over the recorded one's"),
+    "coverage_area": Measure("", "as the truth", "covered area over the recorded one's", 1.0),
     "speed": Measure("cm/s", "as the truth", "mean speed of the major joints"),
     "acceleration": Measure("cm/s^2", "as the truth", "mean acceleration of the major joints"),
     "jerk": Measure("cm/s^3", "as the truth", "mean jerk of the major joints"),
@@ -58,13 +60,13 @@ MEASURES: dict[str, Measure] = {
     "floating": Measure("share", "low", "frames with both feet above the ground"),
     "sunk": Measure("cm", "low", "mean depth of feet below the ground"),
     "energy": Measure("r", "high", "correlation of hand speed and speech energy"),
-    "energy_chance": Measure("r", "as the truth", "the same with the speech moved in time"),
-    "beat_consistency": Measure("", "high", "nearness of the speech's onsets to beats of the hands"),
-    "beat_consistency_chance": Measure("", "as the truth", "the same with the speech moved in time"),
+    "energy_chance": Measure("r", "beside", "the same with the speech moved in time"),
+    "beat_consistency": Measure("", "as the truth", "nearness of the speech's onsets to beats of the hands"),
+    "beat_consistency_chance": Measure("", "beside", "the same with the speech moved in time"),
     "beat_alignment": Measure("", "high", "nearness of beats of the hands to the speech's onsets"),
-    "beat_alignment_chance": Measure("", "as the truth", "the same with the speech moved in time"),
+    "beat_alignment_chance": Measure("", "beside", "the same with the speech moved in time"),
     "stress": Measure("", "high", "nearness of stressed words to strokes of the hands"),
-    "stress_chance": Measure("", "as the truth", "the same with the speech moved in time"),
+    "stress_chance": Measure("", "beside", "the same with the speech moved in time"),
 }
 
 
@@ -92,13 +94,21 @@ def of_clip(sample: Sample, ground: Ground | None) -> dict[str, Callable[[], dic
 
 
 def of_pair(made: Movement, truth: Movement) -> dict[str, Callable[[], dict[str, float]]]:
-    """What is measured of a clip beside the recorded one of the same speech; the longer one is cut to the shorter."""
+    """What is measured of a clip beside the recorded one of the same speech; the longer one is cut to the shorter.
+
+    Both are turned to their mean heading: where a body looks is given to it (its first pose), not made.
+    """
     frames = min(len(made.positions), len(truth.positions))
     ours, theirs = (m._replace(positions=m.positions[:frames]) for m in (made, truth))
+
+    @cache
+    def turned() -> tuple[Movement, Movement]:
+        return movement.in_heading(ours), movement.in_heading(theirs)
+
     return {
-        "ape": lambda: {"ape": accuracy.ape(ours, theirs)},
-        "ave": lambda: {"ave": accuracy.ave(ours, theirs)},
-        "pck": lambda: {"pck": accuracy.pck(ours, theirs)},
+        "ape": lambda: {"ape": accuracy.ape(*turned())},
+        "ave": lambda: {"ave": accuracy.ave(*turned())},
+        "pck": lambda: {"pck": accuracy.pck(*turned())},
         "coverage_dice": lambda: _coverage(ours, theirs),
     }
 
@@ -133,10 +143,6 @@ def _hand_speed(motion: Movement) -> Float[np.ndarray, " T"]:
     body = movement.from_hips(motion).positions
     joints = [motion.skeleton.role(hand) for hand in ("left_hand", "right_hand")]
     return kinematic.speeds(body[:, joints], motion.rate_hz).mean(axis=1)
-
-
-def _with_energy(motion: Movement, energy: Float[np.ndarray, " T"]) -> dict[str, float]:
-    return _beside_chance("energy", rhythm.agreement(_hand_speed(motion), energy, motion.rate_hz))
 
 
 def _with_speech(motion: Movement, onsets: Times) -> dict[str, float]:
