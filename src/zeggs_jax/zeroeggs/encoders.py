@@ -7,11 +7,15 @@ been added first.
 """
 
 import difflib
+from typing import Any
+
+import jax
+import jax.numpy as jnp
 
 from .bottleneck_encoder import BOTTLENECK
 from .parts_encoder import PARTS_ENCODER
 from .style_encoder import Encoder as Encoder
-from .style_encoder import StyleEncoder, from_linen
+from .style_encoder import StyleEncoder, StyleEncoderConfig, from_linen
 
 ENCODERS: dict[str, Encoder] = {
     "attn": from_linen(StyleEncoder),
@@ -32,3 +36,21 @@ def check(kind: str) -> None:
             + (f"the nearest known are {' and '.join(map(repr, near))}" if near else f"known are {', '.join(known)}")
             + f", and a kind of your own is added by ENCODERS['{kind}'] = Encoder(init, apply)."
         )
+
+
+def init(key: jax.Array, config: StyleEncoderConfig, inputs: int) -> Any:
+    """Parameters of the config's kind, after a look at what `apply` makes of them.
+
+    Raises a ValueError where that is not a distribution over embeddings of `config.size` numbers.
+    """
+    encoder = ENCODERS[config.kind]
+    params = encoder.init(key, config, inputs)
+    example = jax.ShapeDtypeStruct((2, inputs), jnp.float32)
+    made = jax.eval_shape(lambda p, x: encoder.apply(p, config, x, 2, None, "float32"), params, example)
+    for name, leaf in zip(("mean", "log_var"), made, strict=True):
+        if leaf is not None and leaf.shape != (config.size,):
+            raise ValueError(
+                f"style kind '{config.kind}' returns a {name} of shape {leaf.shape}; "
+                f"style.size asks for ({config.size},)."
+            )
+    return params

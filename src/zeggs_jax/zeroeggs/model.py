@@ -20,6 +20,7 @@ from ..data.scale import Scales
 from ..motion.pose import Pose
 from ..motion.skeleton import Skeleton
 from ..nn.compute import PLAIN, Compute, operands
+from . import encoders
 from .config import ZeroEggsConfig, from_dict, to_dict
 from .decoder import GAZE, Decoder, DecoderConfig, Frame, rollout
 from .encoders import ENCODERS, Encoder
@@ -68,7 +69,7 @@ def init(key: Array, config: ZeroEggsConfig) -> Params:
     given = Frame(jnp.zeros(config.speech.size), jnp.zeros(config.style_size), jnp.zeros(3))
     params = {"speech": SpeechEncoder(config.speech).init(keys["speech"], features)["params"]}
     if not config.labels:
-        params["style"] = ENCODERS[config.style.kind].init(keys["style"], config.style, seen.shape[0])
+        params["style"] = encoders.init(keys["style"], config.style, seen.shape[0])
     params["decoder"] = Decoder(config.decoder).init(keys["decoder"], seen, given)["params"]
     return params
 
