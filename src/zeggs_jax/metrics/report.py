@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from . import distances, feet, movement, profiles, scores
 from .feature_net import FeatureNet
 from .rows import ReportConfig, Row
@@ -55,11 +57,31 @@ def report(
         },
         "measures": {name: measure._asdict() for name, measure in MEASURES.items()},
         "groups": {name: row.summary() for name, row in rows.items()},
+        "best": best({name: row.values for name, row in rows.items()}),
         "left_out": left_out,
     }
     if pictures:
         motions = {name: [sample.motion for sample in samples] for name, samples in everything.items()}
         found |= {"histograms": profiles.histograms(motions, TRUTH), "maps": profiles.maps(motions)}
+    return found
+
+
+def best(values: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> dict[str, list[str]]:
+    """Of every measure that knows good from bad the made groups that are best, those of one value all.
+
+    Where a measure should be as the truth's, it is the nearest one. Of a single group none is best. It says nothing of
+    chance: where intervals overlap, another draw of clips may choose another one.
+    """
+    found: dict[str, list[str]] = {}
+    for name, measure in MEASURES.items():
+        made = {g: row[name]["value"] for g, row in values.items() if g != TRUTH and name in row}
+        own = values[TRUTH].get(name, {}).get("value", measure.ideal)
+        if len(made) < 2 or measure.better == "beside" or (measure.better == "as the truth" and own is None):
+            continue
+        away = {"low": lambda x: x, "high": lambda x: -x, "as the truth": lambda x, own=own: abs(x - own)}
+        cost = {group: away[measure.better](value) for group, value in made.items()}
+        least = min(cost.values())
+        found[name] = [group for group, value in cost.items() if np.isclose(value, least, rtol=1e-9, atol=1e-12)]
     return found
 
 

@@ -38,6 +38,7 @@ class Figure(NamedTuple):
     label: str
     clip: Clip
     speech: Speech = None  # a sound file, or (samples [n] or [n, channels], rate in Hz), or none
+    colour: str | None = None  # "#rrggbb"; else one of COLOURS, in turn
 
 
 def read_figure(clip: str | Path, speech: Speech = None) -> Figure:
@@ -67,7 +68,8 @@ def scene(figures: Sequence[Figure], max_rate: float = 60.0) -> dict[str, Any]:
     tracks: dict[bytes, tuple[int, dict]] = {}
     entries = []
     for number, figure in enumerate(figures):
-        entry = pack_figure(figure, max_rate) | {"colour": COLOURS[number % len(COLOURS)], "track": None}
+        colour = figure.colour or COLOURS[number % len(COLOURS)]
+        entry = pack_figure(figure, max_rate) | {"colour": colour, "track": None}
         if figure.speech is not None:
             samples, rate = read_speech(figure.speech)
             key = samples.tobytes() + str(rate).encode()
