@@ -77,7 +77,7 @@ def encode(model: Model, motion: Motion) -> StyleDistribution:
 
 
 @partial(jax.jit, static_argnames=("config",))
-def _encode(params: Params, config: ZeroEggsConfig, scales: Scales, poses: Pose, frames: int) -> StyleDistribution:
+def _encode(params: Params, config: ZeroEggsConfig, scales: Scales, poses: Pose, frames: ArrayLike) -> StyleDistribution:
     return encode_style(params, config, scales, pose.to_vector(poses), frames)
 
 
