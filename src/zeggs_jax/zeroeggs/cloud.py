@@ -1,5 +1,6 @@
 """Where the styles of a library lie: how far out another one is, and which are nearest to it."""
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -33,6 +34,11 @@ def cloud(points: Float[ArrayLike, "N Z"], shrinkage: float | int = SHRINKAGE) -
     """
     points = jnp.asarray(points)
     check_points(points, "spread")
+    return _fit(points, shrinkage)
+
+
+@jax.jit
+def _fit(points: Float[Array, "N Z"], shrinkage: ArrayLike) -> Cloud:
     mean, size = points.mean(0), points.shape[1]
     apart = points - mean[None]
     covariance = apart.T @ apart / (len(points) - 1)
@@ -41,11 +47,13 @@ def cloud(points: Float[ArrayLike, "N Z"], shrinkage: float | int = SHRINKAGE) -
     return Cloud(mean, whitening, jnp.linalg.norm(apart @ whitening.T, axis=1).max())
 
 
+@jax.jit
 def outlying(cloud: Cloud, z: Float[ArrayLike, " Z"]) -> Float[Array, ""]:
     """Mahalanobis distance from the cloud's mean, in units of its farthest point: 0 the mean, up to 1 inside."""
     return jnp.linalg.norm(cloud.whitening @ (jnp.asarray(z) - cloud.mean)) / cloud.radius
 
 
+@partial(jax.jit, static_argnames="count")
 def nearest(
     points: Float[ArrayLike, "N Z"], z: Float[ArrayLike, " Z"], count: int
 ) -> tuple[Int[Array, " k"], Float[Array, " k"]]:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
@@ -26,21 +27,29 @@ def principal(points: Float[ArrayLike, "N Z"]) -> Principal:
     """
     points = jnp.asarray(points)
     check_points(points, "principal components")
+    found = _fit(points)
+    noise = found.std[0] * max(points.shape) * jnp.finfo(points.dtype).eps
+    rank = int((found.std > noise).sum())
+    return Principal(found.mean, found.axes[:rank], found.std[:rank], found.share[:rank])
+
+
+@jax.jit
+def _fit(points: Float[Array, "N Z"]) -> Principal:
+    """All directions, those without spread among them."""
     mean = points.mean(0)
     _, singular, axes = jnp.linalg.svd(points - mean[None], full_matrices=False)
-    noise = singular[0] * max(points.shape) * jnp.finfo(points.dtype).eps
-    rank = int((singular > noise).sum())
-    singular, axes = singular[:rank], axes[:rank]
     largest = jnp.take_along_axis(axes, jnp.abs(axes).argmax(1, keepdims=True), axis=1)
     variance = singular**2
     return Principal(mean, axes * jnp.sign(largest), singular / (len(points) - 1) ** 0.5, variance / variance.sum())
 
 
+@jax.jit
 def coordinates(components: Principal, z: Float[ArrayLike, " Z"]) -> Float[Array, " K"]:
     """Where an embedding lies along each component, in standard deviations from the mean."""
     return components.axes @ (jnp.asarray(z) - components.mean) / components.std
 
 
+@jax.jit
 def restore(components: Principal, along: Float[ArrayLike, " K"]) -> Float[Array, " Z"]:
     """The embedding with these coordinates: projected back into the style space (Sec. 5.2.2)."""
     return components.mean + (jnp.asarray(along) * components.std) @ components.axes
@@ -78,4 +87,4 @@ def lacking(points: Float[Array, "N Z"], least: int = 3) -> str:
         return "1 embedding" if count == 1 else f"{count} embeddings"
     if not np.isfinite(np.asarray(points)).all():
         return "embeddings that are not finite"
-    return "" if float(jnp.ptp(points, axis=0).max()) > 0.0 else f"{count} equal embeddings"
+    return "" if np.ptp(np.asarray(points), axis=0).max() > 0.0 else f"{count} equal embeddings"

@@ -6,6 +6,7 @@ spread, is the matter of `principal.py` and `cloud.py`, whose names this file ha
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -45,7 +46,7 @@ __all__ = [
 OPPOSITE = 0.02  # 1 + cos of an angle: below it (from 168.5 degrees on) an arc passes into the line
 
 
-def blend(embeddings: Float[ArrayLike, "K Z"], weights: Float[ArrayLike, " K"]) -> Float[Array, " Z"]:
+def blend(embeddings: Float[ArrayLike, "K Z"], weights: Float[ArrayLike, " K"] | Sequence[float]) -> Float[Array, " Z"]:
     """The weighted sum of K embeddings (Sec. 5.2.1). Weights outside [0, 1] extrapolate."""
     return jnp.asarray(weights) @ jnp.asarray(embeddings)
 
@@ -63,12 +64,14 @@ def transfer(
     return jnp.asarray(style) + (jnp.asarray(to) - jnp.asarray(away))
 
 
+@partial(jax.jit, static_argnames="steps")
 def line(a: Float[ArrayLike, " Z"], b: Float[ArrayLike, " Z"], steps: int) -> Float[Array, "N Z"]:
     """`steps` embeddings evenly along the straight way, from `a` to `b` to the bit (Fig. 7); ValueError below 2."""
     weights = _weights(steps)
     return jax.vmap(lambda w: (1.0 - w) * jnp.asarray(a) + w * jnp.asarray(b))(weights)
 
 
+@partial(jax.jit, static_argnames="steps")
 def arc(
     a: Float[ArrayLike, " Z"], b: Float[ArrayLike, " Z"], steps: int, centre: Float[ArrayLike, " Z"]
 ) -> Float[Array, "N Z"]:
@@ -91,11 +94,13 @@ def arc(
     return jax.vmap(lambda w: centre + share(1.0 - w) * u + share(w) * v)(_weights(steps))
 
 
+@partial(jax.jit, static_argnames="count")
 def vary(key: Array, distribution: StyleDistribution, count: int, temperature: ArrayLike = 1.0) -> Float[Array, "N Z"]:
     """`count` samples of one style (Sec. 3.3); temperature 0 gives its mean every time, more spreads them wider."""
     return jax.vmap(lambda k: sample_style(k, distribution, temperature))(jax.random.split(key, count))
 
 
+@partial(jax.jit, static_argnames=("size", "count"))
 def prior(key: Array, size: int, count: int, temperature: ArrayLike = 1.0) -> Float[Array, "N Z"]:
     """`count` styles of nobody: draws from N(0, temperature^2), towards which the divergence pulls (Eq. 2)."""
     return jnp.asarray(temperature) * jax.random.normal(key, (count, size))
