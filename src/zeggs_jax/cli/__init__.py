@@ -6,7 +6,7 @@ from importlib.metadata import version
 
 import tyro
 
-from . import learn, perform, style, timeline
+from . import judge, learn, perform, style, timeline
 
 COMMANDS = (
     perform.demo,
@@ -18,6 +18,7 @@ COMMANDS = (
     learn.train,
     learn.convert,
     perform.view,
+    judge.evaluate,
 )
 app = tyro.extras.SubcommandApp()
 for command in COMMANDS:
