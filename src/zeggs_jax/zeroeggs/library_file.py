@@ -54,9 +54,10 @@ def load(path: str | Path, model: Model) -> Library:
     """
     path = Path(path)
     if not path.is_file():
-        raise FileNotFoundError(f"style library '{path}' does not exist; make one with 'zeggs embed'.")
+        wrong = "is a folder" if path.is_dir() else "does not exist"
+        raise FileNotFoundError(f"style library '{path}' {wrong}; make one with 'zeggs embed'.")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             if str(archive["format"]) != FORMAT:
                 raise ValueError(f"its format is not '{FORMAT}'")
             library = _unpack({key: archive[key] for key in archive.files})
