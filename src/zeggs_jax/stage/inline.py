@@ -13,7 +13,7 @@ from zeggs_jax.motion.bvh import Clip
 from zeggs_jax.stage import figures as drawn
 from zeggs_jax.stage import player
 from zeggs_jax.stage.drawing import Layout
-from zeggs_jax.stage.player import Figure
+from zeggs_jax.stage.player import Figure as Figure
 
 FRAME = "width:100%;height:{height}px;border:0;border-radius:14px;display:block"
 CELL = "padding:.2em .9em;text-align:{side};font-variant-numeric:tabular-nums"
