@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from tqdm import tqdm
 
+from . import examples, steering
 from . import generate as g
 from .model import Model
 
@@ -75,18 +76,17 @@ def _job(row: dict[str, str], where: str, folder: Path, defaults: g.Request) -> 
         raise ValueError(f"{where} has a malformed number in temperature, seed or frames.") from error
     if len(cut) not in (0, 2):
         raise ValueError(f"{where} has frames '{row['frames']}'; give 'START STOP'.")
-    style = _style(row.get("style", ""), base, defaults)
     first = row.get("first_pose")
     request = defaults._replace(
-        styles=style,
+        styles=_style(row.get("style", ""), base, defaults),
         frames=((cut[0], cut[1]),) if cut else defaults.frames,
         first_pose=str(base / _slashes(first)) if first else defaults.first_pose,
         temperature=temperature,
         seed=seed,
     )
-    name = row.get("file_name") or f"audio_{audio.stem}_label_{Path(style[0]).stem}"
-    named = [audio, *(Path(s) for s in style if _is_file(s)), *map(Path, filter(None, (request.first_pose,)))]
-    for file in named:
+    name = row.get("file_name") or f"audio_{audio.stem}_label_{_label(request)}"
+    files = [examples.split(style)[0] for style in request.styles if _is_file(style)]
+    for file in (audio, *files, *map(Path, filter(None, (request.first_pose,)))):
         if not file.is_file():
             raise FileNotFoundError(f"{where}: file '{file}' does not exist; paths start from base_path.")
     return Job(audio, request, Path(_slashes(name)).name.removesuffix(".bvh"), where)
@@ -99,7 +99,13 @@ def _style(cell: str, base: Path, defaults: g.Request) -> tuple[str, ...]:
 
 
 def _is_file(style: str) -> bool:
-    return style.lower().endswith((".bvh", ".npz"))
+    return examples.split(style)[0].suffix.lower() in (".bvh", ".npz")
+
+
+def _label(request: g.Request) -> str:
+    """What the name of a file says of its style: the first one, the entry where it is one of a library."""
+    path, entry = examples.split(next(iter(steering.named(request)), "mean"))
+    return entry or path.stem
 
 
 def _slashes(text: str) -> str:

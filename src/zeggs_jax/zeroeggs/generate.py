@@ -19,7 +19,7 @@ from ..motion.features import Motion
 from ..motion.pose import Pose
 from ..speech import features as speech_features
 from ..speech import wav
-from . import examples, steering, style_space, timeline
+from . import examples, library, steering, style_space
 from .checkpoints import digest, load_model
 from .model import Model, decode, encode_speech
 from .steering import Request, read_styles, starting_pose, style_sequence
@@ -115,9 +115,10 @@ _decode = jax.jit(decode, static_argnames=("config",))
 
 def provenance(speech: Speech, request: Request, model: Model) -> dict[str, Any]:
     """Version, model, seed, arguments and the digests of all inputs: what it takes to make the same bytes again."""
-    styles = timeline.names(request.timeline) if request.timeline else request.styles or ("neutral",)
-    named = (*styles, *filter(None, (request.first_pose, request.library)))
+    named = (*steering.named(request), *filter(None, (request.first_pose, request.library)))
     found = {name: examples.bundled().get(name, examples.split(name)[0]) for name in named}
+    if steering.needs_space(request) and request.library is None:
+        found["the bundled library"] = library.BUNDLED
     cues = [cue._asdict() for cue in request.timeline.cues] if request.timeline else None
     return {
         "zeggs_jax": version("zeggs-jax"),

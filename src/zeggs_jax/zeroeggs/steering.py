@@ -17,6 +17,10 @@ from .model import Model, StyleDistribution, sample_style
 from .style_clip import Entry, Frames
 from .timeline import Timeline
 
+NO_LIBRARY = (
+    "intensity and components are measured in a style library, and this model comes with none; "
+    "make one of its corpus with 'zeggs embed' and give it with --library."
+)
 INSIDE = 1.005  # times as far out as the farthest clip: up to here it is inside, whatever the rounding
 
 
@@ -58,43 +62,52 @@ def read_space(request: Request, model: Model) -> Space:
             raise ValueError("this model is steered by labels and has no components; leave library and pca out.")
         return Space(None, jnp.eye(len(model.config.labels)))
     if request.library is None and not libraries.is_bundled(model):
-        if _needs_space(request):
-            raise ValueError(
-                "intensity and components are measured in a style library, and this model comes with none; "
-                "make one of its corpus with 'zeggs embed' and give it with --library."
-            )
+        if needs_space(request):
+            raise ValueError(NO_LIBRARY)
         return NOWHERE
     library = libraries.bundled(model) if request.library is None else libraries.load(request.library, model)
     points = libraries.points(library)
-    if _needs_space(request):
+    if needs_space(request):
         style_space.check_points(points, "mean and no directions", least=3 if request.pca else 2)
     return Space(library, points)
 
 
-def _needs_space(request: Request) -> bool:
+def needs_space(request: Request) -> bool:
+    """Whether it asks for what only a library can tell: where the middle is, and the directions from there."""
     cues = request.timeline.cues if request.timeline else ()
     return bool(request.pca) or any(amount != 1.0 for amount in (request.intensity, *(c.intensity for c in cues)))
+
+
+def named(request: Request) -> tuple[str, ...]:
+    """The styles that a request names, those of its timeline included; none where it starts from the mean."""
+    if request.timeline is not None:
+        return timelines.names(request.timeline)
+    return request.styles if request.styles or request.pca else ("neutral",)
 
 
 def read_styles(request: Request, model: Model, space: Space | None = None) -> list[Entry]:
     """The request's styles, encoded (Fig. 3b): those it names, those of its timeline, or the library's mean."""
     space = read_space(request, model) if space is None else space
-    styles = request.styles
-    if request.timeline is not None:
-        if styles or request.weights or request.spans or request.frames:
-            raise ValueError("a timeline names its styles itself; leave styles, weights, spans and frames out.")
-        styles = timelines.names(request.timeline)
-    elif not styles and request.pca and space.library is not None and space.points is not None:
-        mean = space.points.mean(0)
-        start = libraries.start_near(space.library, mean)
-        return [Entry("the mean", "", "the mean of the library", None, StyleDistribution(mean, None), start)]
-    styles = styles or ("neutral",)
-    count = len(styles)
+    if request.timeline is not None and (request.styles or request.weights or request.spans or request.frames):
+        raise ValueError("a timeline names its styles itself; leave styles, weights, spans and frames out.")
+    styles = named(request)
+    count = len(styles) or 1
     if len(request.frames) not in (0, 1, count):
         raise ValueError(f"got {len(request.frames)} frame ranges for {count} styles; give one or {count}.")
+    if not styles:
+        return [_mean(request, space)]
     ranges = request.frames * count if len(request.frames) == 1 else request.frames or (None,) * count
-    named = space.library if request.library is not None else None  # whose names count before the bundled ones
-    return [examples.read(style, model, cut, named) for style, cut in zip(styles, ranges, strict=True)]
+    own = space.library if request.library is not None else None  # whose names count before the bundled ones
+    return [examples.read(style, model, cut, own) for style, cut in zip(styles, ranges, strict=True)]
+
+
+def _mean(request: Request, space: Space) -> Entry:
+    """The style in the middle of the library, which starts like the one nearest to it."""
+    if request.frames or request.spans:
+        raise ValueError("components move the library's mean where no style is given; leave frames and spans out.")
+    mean = _points(space).mean(0)
+    start = libraries.start_near(space.library, mean) if space.library else None
+    return Entry("the mean", "", "the mean of the library", None, StyleDistribution(mean, None), start)
 
 
 def starting_pose(request: Request, chosen: Sequence[Entry], model: Model) -> Motion:
@@ -103,12 +116,12 @@ def starting_pose(request: Request, chosen: Sequence[Entry], model: Model) -> Mo
     A timeline begins in the pose of its first style, the heaviest of a mix.
     """
     if request.first_pose is not None:
-        return examples.read_motion(examples.split(request.first_pose)[0], model, what="first pose")
+        return examples.read_motion(request.first_pose, model, what="first pose")
     entries = list(chosen)
     if request.timeline is not None:
         weights = dict(request.timeline.cues[0].mix)
-        order = timelines.names(request.timeline)
-        entries = [entry for _, entry in sorted(zip(order, chosen, strict=True), key=lambda e: weights.get(e[0], -1.0))]
+        order = zip(named(request), chosen, strict=True)
+        entries = [entry for _, entry in sorted(order, key=lambda style: weights.get(style[0], -1.0))]
     starts = [entry.start for entry in entries if entry.start is not None]
     if not starts:
         raise ValueError("the style has no pose to start from; give a .bvh with --first-pose.")
@@ -138,9 +151,9 @@ def _lay_out(
     """Blended, stitched or cued. Intensity and components act on each style before: of a blend that is the same."""
     steered = _steer(request, embeddings, space)
     if request.timeline is not None:
-        named = dict(zip(timelines.names(request.timeline), steered, strict=True))
+        at = dict(zip(timelines.names(request.timeline), steered, strict=True))
         centre = None if space.points is None else space.points.mean(0)
-        return timelines.sequence(request.timeline, named, centre, frames, rate_hz)
+        return timelines.sequence(request.timeline, at, centre, frames, rate_hz)
     if request.weights and request.spans:
         raise ValueError("both weights and spans were given; weights blend, spans follow each other: give one.")
     if request.spans:
@@ -157,17 +170,21 @@ def _steer(request: Request, embeddings: Float[Array, "K Z"], space: Space) -> F
     if not np.isfinite(request.intensity) or not np.isfinite([amount for _, amount in request.pca]).all():
         raise ValueError(f"intensity {request.intensity:g} or components {request.pca} are not finite; give numbers.")
     if request.intensity != 1.0:
-        assert space.points is not None
-        centre = space.points.mean(0)
+        centre = _points(space).mean(0)
         embeddings = jax.vmap(lambda z: style_space.intensify(z, centre, request.intensity))(embeddings)
     if request.pca:
-        assert space.points is not None
-        components = style_space.principal(space.points)
+        components = style_space.principal(_points(space))
         amounts = dict(request.pca)
         if len(amounts) < len(request.pca):
             raise ValueError(f"the components {request.pca} name one twice; give each once.")
         embeddings = jax.vmap(lambda z: style_space.move(components, z, amounts))(embeddings)
     return embeddings
+
+
+def _points(space: Space) -> Float[Array, "N Z"]:
+    if space.points is None:
+        raise ValueError(NO_LIBRARY)
+    return space.points
 
 
 def notes(request: Request, chosen: Sequence[Entry], frames: int, rate_hz: float, space: Space) -> tuple[str, ...]:
@@ -177,12 +194,12 @@ def notes(request: Request, chosen: Sequence[Entry], frames: int, rate_hz: float
     means = jnp.stack([entry.distribution.mean for entry in chosen])
     sequence = _lay_out(request, means, frames, rate_hz, space)
     cloud = style_space.cloud(space.points)
-    far = np.asarray(jax.vmap(lambda z: style_space.outlying(cloud, z))(sequence))
+    far = np.asarray(jax.vmap(style_space.outlying, (None, 0))(cloud, sequence))
     frame = int(far.argmax())
     if far[frame] <= INSIDE:
         return ()
     where = f"the timeline at {frame / rate_hz:.1f} s" if request.timeline else _described(request, chosen)
-    return (f"{where} lies {far[frame]:.1f} times as far out as the farthest clip of the style library.",)
+    return (f"{where} lies {far[frame]:.2f} times as far out as the farthest clip of the style library.",)
 
 
 def _described(request: Request, chosen: Sequence[Entry]) -> str:

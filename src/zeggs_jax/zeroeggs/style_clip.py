@@ -45,12 +45,12 @@ def read_clip(path: Path, model: Model, frames: Frames | None = None) -> Entry:
     return Entry(path.stem, path.stem, str(path), frames, encode(model, motion), first(motion))
 
 
-def read_motion(path: Path, model: Model, frames: Frames | None = None, what: str = "style example") -> Motion:
+def read_motion(path: str | Path, model: Model, frames: Frames | None = None, what: str = "style example") -> Motion:
     """The motion features of a BVH clip, cut to `frames`, read as in training, at the model's frame rate.
 
     Errors say `what` it is.
     """
-    return fit(bvh.read(path), path.name, model, frames, what)
+    return fit(bvh.read(path), Path(path).name, model, frames, what)
 
 
 def fit(clip: Clip, name: str, model: Model, frames: Frames | None = None, what: str = "style example") -> Motion:
@@ -77,7 +77,9 @@ def encode(model: Model, motion: Motion) -> StyleDistribution:
 
 
 @partial(jax.jit, static_argnames=("config",))
-def _encode(params: Params, config: ZeroEggsConfig, scales: Scales, poses: Pose, frames: ArrayLike) -> StyleDistribution:
+def _encode(
+    params: Params, config: ZeroEggsConfig, scales: Scales, poses: Pose, frames: ArrayLike
+) -> StyleDistribution:
     return encode_style(params, config, scales, pose.to_vector(poses), frames)
 
 
