@@ -29,7 +29,8 @@ TOUCH_DISK = {
     "speech/wav.py", "speech/transcript.py", "motion/bvh.py",
     "data/corpus.py", "data/prepare.py", "data/prepared.py",
     "data/arrays.py", "data/job.py", "data/join.py", "data/report.py", "data/shard.py",
-    "data/takes.py", "data/recorded.py", "data/made.py", "data/spoken.py", "data/body.py", "data/entry.py", "data/release.py", "data/table.py",
+    "data/takes.py", "data/body.py", "data/entry.py", "data/release.py", "data/table.py",
+    "data/recorded.py", "data/made.py", "data/spoken.py",
     "training/checkpoint.py", "training/loop.py", "training/keep.py", "training/record.py",
     "training/devices.py",  # only os._exit
     "synthetic/corpus.py", "stage/player.py", "stage/figures.py", "stage/plots.py", "stage/report.py",
