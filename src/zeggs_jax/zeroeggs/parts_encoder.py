@@ -18,6 +18,7 @@ from jaxtyping import Array, Float, Int
 from ..motion import pose
 from ..motion.skeleton import Skeleton
 from ..nn.compute import Matmul
+from ..nn.layers import Dense
 from .decoder import GAZE
 from .style_encoder import StyleDistribution, StyleEncoder, StyleEncoderConfig, from_linen
 
@@ -26,7 +27,7 @@ ENDS = {"head": "head", "left_hand": "left_arm", "right_hand": "right_arm", "lef
 
 
 class PartsEncoder(nn.Module):
-    """Fig. 3b once for each part, half as wide."""
+    """Fig. 3b once for each part, half as wide, and a dense layer from what it says to the part's slice."""
 
     config: StyleEncoderConfig
     matmul: Matmul = "float32"
@@ -39,11 +40,15 @@ class PartsEncoder(nn.Module):
         _check(self.config, example.shape[1])
         made = []
         for part, (start, stop) in slices(self.config).items():
-            own = part_config(self.config, stop - start)
+            own = part_config(self.config)
             seen = example[:, columns(self.config.parts, part)]
-            made.append(StyleEncoder(own, self.matmul, name=part)(seen, length, deterministic))
-        means, log_vars = zip(*made, strict=True)
-        return StyleDistribution(jnp.concatenate(means), jnp.concatenate(log_vars) if self.config.variational else None)
+            whole = StyleEncoder(own, self.matmul, name=part)(seen, length, deterministic).mean
+            numbers = (stop - start) * (2 if self.config.variational else 1)
+            made.append(Dense(numbers, gain=1.0, matmul=self.matmul, name=f"{part}_slice")(whole))
+        if not self.config.variational:
+            return StyleDistribution(jnp.concatenate(made), None)
+        halves = [jnp.split(numbers, 2) for numbers in made]
+        return StyleDistribution(*(jnp.concatenate(half) for half in zip(*halves, strict=True)))
 
 
 def of_joints(skeleton: Skeleton) -> tuple[str, ...]:
@@ -85,10 +90,15 @@ def slices(config: StyleEncoderConfig) -> dict[str, tuple[int, int]]:
     return dict(zip(present, pairwise(edges), strict=True))
 
 
-def part_config(config: StyleEncoderConfig, size: int) -> StyleEncoderConfig:
-    """The encoder of one part: half as wide, with as many heads as its outputs can be shared among."""
-    own = dataclasses.replace(config, kind="attn", hidden=max(1, config.hidden // 2), size=size, parts=())
-    return dataclasses.replace(own, heads=math.gcd(config.heads, own.outputs))
+def part_config(config: StyleEncoderConfig) -> StyleEncoderConfig:
+    """The encoder of one part, before its dense layer.
+
+    Its transformer is a quarter of `hidden` wide, not as wide as a slice: layer norm over few channels leaves nothing.
+    """
+    width = max(8, config.hidden // 4)
+    heads = math.gcd(config.heads, width)
+    sizes = {"hidden": max(2, config.hidden // 2), "size": width, "heads": heads}
+    return dataclasses.replace(config, kind="attn", variational=False, parts=(), **sizes)
 
 
 def _fit(config: StyleEncoderConfig, skeleton: Skeleton) -> StyleEncoderConfig:
