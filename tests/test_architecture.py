@@ -38,7 +38,7 @@ TOUCH_DISK = {
     "zeroeggs/checkpoints.py", "zeroeggs/release_files.py", "zeroeggs/run_folder.py", "zeroeggs/settings.py",
     "zeroeggs/validation.py",
     "zeroeggs/timeline.py", "zeroeggs/timeline_text.py", "zeroeggs/library.py",
-    "zeroeggs/library_file.py", "zeroeggs/style_clip.py",
+    "zeroeggs/library_file.py", "zeroeggs/embedding.py", "zeroeggs/style_clip.py",
 }  # fmt: skip
 DISK_NAMES = {"open", "pathlib", "os", "shutil", "tempfile"}
 

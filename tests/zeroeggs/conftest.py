@@ -11,14 +11,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from zeggs_jax.data import scale
 from zeggs_jax.data.body import BodyConfig
 from zeggs_jax.data.prepare import PrepareConfig, prepare
 from zeggs_jax.data.scale import Scale, Scales
-from zeggs_jax.motion import bvh
+from zeggs_jax.motion import bvh, features, pose
 from zeggs_jax.motion.pose import Pose, Root
 from zeggs_jax.motion.skeleton import Skeleton
 from zeggs_jax.nn.compute import PLAIN, Compute
 from zeggs_jax.speech import wav
+from zeggs_jax.synthetic.corpus import style_clip
 from zeggs_jax.zeroeggs import model as m
 
 JOINTS, FRAMES = 5, 7
@@ -98,6 +100,35 @@ def corpus(tmp_path_factory) -> Path:
     (folder / "corpus.csv").write_text("\n".join(["name,style,split", *rows]) + "\n")
     prepare(folder, folder / "arrays", PrepareConfig(body=BodyConfig(scale=1.0, up="y", facing="z")))
     return folder / "arrays"
+
+
+@pytest.fixture(scope="session")
+def clips(tmp_path_factory) -> Path:
+    """Two style clips of 2 s, old.bvh and happy.bvh, and a recording of 1.3 s."""
+    where = tmp_path_factory.mktemp("clips")
+    for name, seed in (("old", 1), ("happy", 2)):
+        bvh.write(where / f"{name}.bvh", style_clip(name, 2.0, 30, seed))
+    noise = np.random.default_rng(0).normal(size=20_800) * np.repeat([0.02, 0.2], 10_400)
+    wav.write(where / "speech.wav", noise.astype(np.float32))
+    return where
+
+
+@pytest.fixture(scope="session")
+def gesturer(clips) -> m.Model:
+    """A small model of the clips' body: random parameters, scales fitted on one clip."""
+    clip = bvh.read(clips / "old.bvh")
+    motion = features.encode(clip)
+    vectors = np.asarray(jax.vmap(pose.to_vector)(motion.pose))
+    gaze = np.asarray(jax.vmap(pose.gaze_direction, (0, None))(motion.pose.root, motion.gaze))
+    speech = np.random.default_rng(1).normal(size=(60, 81)).astype(np.float32)
+    config = m.ZeroEggsConfig(
+        frame_time=clip.frame_time,
+        speech=m.SpeechEncoderConfig(hidden=8, size=8),
+        style=m.StyleEncoderConfig(hidden=16, size=8),
+        decoder=m.DecoderConfig(hidden=16),
+    )
+    scales = scale.fit([speech], [vectors], [gaze], 75)
+    return m.Model(config, m.init(jax.random.key(0), config), scales, clip.skeleton)
 
 
 class Global(NamedTuple):

@@ -7,7 +7,7 @@ import jax
 from . import library as libraries
 from .library import Library
 from .model import Model, StyleDistribution
-from .style_clip import Entry, Frames, bundled_clips, read_clip, read_motion
+from .style_clip import Entry, Frames, bundled_clips, near, read_clip, read_motion
 
 __all__ = ["bundled", "read", "read_clip", "read_motion", "split"]
 
@@ -61,4 +61,4 @@ def _read_label(name: str, model: Model, frames: Frames | None) -> Entry:
 
 
 def _unknown(name: str, known: list[str] | tuple[str, ...], expected: str) -> ValueError:
-    return ValueError(f"unknown style '{name}': expected {expected}; nearest: {libraries.near(name, known)}.")
+    return ValueError(f"unknown style '{name}': expected {expected}; nearest: {near(name, known)}.")

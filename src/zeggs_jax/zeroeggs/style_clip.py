@@ -1,5 +1,7 @@
 """A style example (Fig. 3b, left): a BVH clip read as in training and encoded, as one entry of a style library."""
 
+import difflib
+from collections.abc import Sequence
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -37,6 +39,13 @@ def bundled_clips() -> dict[str, Path]:
     """The style clips that come with the package, by name."""
     folder = Path(str(files("zeggs_jax.zeroeggs") / "pretrained" / "styles"))
     return {path.stem: path for path in sorted(folder.glob("*.bvh"))}
+
+
+def near(name: str, known: Sequence[str]) -> str:
+    """The known names that are spelled most like `name`, or the first of all, as a list for a sentence."""
+    spelled = {k.lower(): k for k in known}
+    close = difflib.get_close_matches(name.lower(), spelled, n=3, cutoff=0.4)
+    return ", ".join([spelled[k] for k in close] or list(known)[:12])
 
 
 def read_clip(path: Path, model: Model, frames: Frames | None = None) -> Entry:
