@@ -66,9 +66,8 @@ def _write(path: Path, figure: Figure) -> None:
     if kind == "png":
         from PIL import Image
 
-        image = (
-            Image.open(drawn).convert("RGB").quantize(255, method=Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
-        )
+        image = Image.open(drawn).convert("RGB")
+        image = image.quantize(255, method=Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
         drawn = io.BytesIO()
         image.save(drawn, format="png", optimize=True, dpi=(DPI, DPI))
     partial = path.with_name(f".{path.name}.part")
@@ -130,8 +129,8 @@ def scatter(
         axes.scatter(*at, s=75, color="#ffd23f", marker="*", edgecolors=INK, linewidths=0.7, zorder=6)
         groups[name] = (at, INK)
     for number, which in enumerate(("x", "y")):
-        share = f" ({100 * shares[number]:.0f} % of the variance)" if number < len(shares) else ""
-        axes.set(**{f"{which}label": f"component {number + 1}, standard deviations{share}"})
+        share = f" ({100 * shares[number]:.0f} % of variance)" if number < len(shares) else ""
+        axes.set(**{f"{which}label": f"PC{number + 1}, standard deviations{share}"})
     axes.margins(0.08)
     axes.set_aspect("equal", adjustable="datalim")
     every = np.concatenate([places, *(at[None] for at in stars.values())])
@@ -163,7 +162,7 @@ def _name(axes: Axes, groups: Mapping[str, tuple[np.ndarray, str]], every: np.nd
     for name, (centre, colour) in groups.items():
         middle = axes.transData.transform(centre)
         size = scale * np.array([4.3 * len(name), 8.0])  # of the text in pixels, about
-        best, least = middle, np.inf
+        best, least, leader = middle, np.inf, None
         for far in (5.0, 8.0, 12.0, 17.0, 23.0):
             for angle in np.radians([90, 270, 0, 180, 45, 135, 225, 315]):
                 way = np.array([np.cos(angle), np.sin(angle)])
@@ -175,11 +174,73 @@ def _name(axes: Axes, groups: Mapping[str, tuple[np.ndarray, str]], every: np.nd
                 cost = covered + 30.0 * overlap + 100.0 * outside + 0.15 * far
                 if cost < least:
                     best, least = at, cost
+                    leader = {"arrowstyle": "-", "color": colour, "linewidth": 0.5, "shrinkA": 0} if far > 10 else None
         taken.append(np.stack([best - 0.5 * size, best + 0.5 * size]))
         text = axes.annotate(
             name,
             tuple(centre),
-            tuple((best - middle) / scale), textcoords="offset points", ha="center", va="center", color=colour,
-            fontweight="bold", fontsize=6.8, zorder=7,
+            tuple((best - middle) / scale),
+            textcoords="offset points", ha="center", va="center", color=colour, fontweight="bold", fontsize=6.8,
+            zorder=7, arrowprops=leader,
         )  # fmt: skip
         text.set_path_effects([patheffects.withStroke(linewidth=1.8, foreground="white")])
+
+
+def ramp(count: int) -> list[tuple[float, float, float]]:
+    """`count` colours from blue over grey to vermilion, for values from low to high."""
+    stops = np.array([[0.0, 0.447, 0.698], [0.63, 0.65, 0.68], [0.835, 0.369, 0.0]])
+    at = np.linspace(0.0, 2.0, count)
+    mixed = np.stack([np.interp(at, (0.0, 1.0, 2.0), stops[:, c]) for c in range(3)], axis=1)
+    return [(r, g, b) for r, g, b in mixed.tolist()]
+
+
+def ridges(axes: Axes, samples: Sequence[ArrayLike], names: Sequence[str], label: str) -> None:
+    """Distributions [n] one above the other, each a smoothed density of the same area, from the lowest row up."""
+    values = [np.asarray(sample, np.float64) for sample in samples]
+    low, high = min(float(np.quantile(v, 0.005)) for v in values), max(float(np.quantile(v, 0.995)) for v in values)
+    grid = np.linspace(low, high, 300)
+    densities = [_density(value, grid) for value in values]
+    for k, (density, colour) in reversed(list(enumerate(zip(densities, ramp(len(values)), strict=True)))):
+        heights = k + 1.7 * density / max(d.max() for d in densities)
+        axes.fill_between(grid, k, heights, color=colour, alpha=0.55, linewidth=0, zorder=len(values) - k)
+        axes.plot(grid, heights, color=colour, linewidth=0.9, zorder=len(values) - k)
+        axes.plot([values[k].mean()] * 2, [k, k + 0.35], color=INK, linewidth=0.9, zorder=len(values) + 1)
+    axes.set(yticks=range(len(names)), yticklabels=names, xlabel=label, xlim=(low, high), ylim=(-0.15, None))
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+
+
+def _density(values: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """Smoothed density of samples on a grid; of equal samples, a narrow bell."""
+    from scipy import stats
+
+    least = 0.01 * (grid[-1] - grid[0])
+    if values.std() > least:
+        return stats.gaussian_kde(values)(grid)
+    return stats.norm.pdf(grid, values.mean(), least)
+
+
+def heat(
+    axes: Axes,
+    values: Float[ArrayLike, "R C"],
+    rows: Sequence[str],
+    columns: Sequence[str],
+    weight: Float[ArrayLike, "R C"] | None = None,
+) -> None:
+    """A table of rank correlations, coloured from -1 to 1, with the numbers in it; `weight` 0 to 1 fades the colour."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    table = np.asarray(values, np.float64)
+    colours = LinearSegmentedColormap.from_list("signs", ["#0072b2", "#ffffff", "#d55e00"])
+    shown = table if weight is None else table * np.asarray(weight, np.float64)
+    axes.imshow(shown, cmap=colours, vmin=-1.15, vmax=1.15, aspect="auto")
+    for (row, column), value in np.ndenumerate(table):
+        ink = "white" if abs(shown[row, column]) > 0.7 else INK
+        number = f"{value:+.2f}".replace("-", "\u2212")
+        axes.text(column, row, number, ha="center", va="center", fontsize=5.2, color=ink)
+    axes.set_xticks(range(len(columns)), columns)
+    axes.set_yticks(range(len(rows)), rows)
+    axes.tick_params(length=0)
+    axes.xaxis.tick_top()
+    for spine in axes.spines.values():
+        spine.set_visible(False)
