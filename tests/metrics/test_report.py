@@ -123,3 +123,54 @@ def test_groups_that_make_no_report_are_refused(truth, gesture):
         report.report({"g": [truth[0], truth[0]]}, truth)
     with pytest.raises(ValueError, match="'clip0' of 'truth' runs at 30 Hz and 'x' of 'g' at 60 Hz"):
         report.report({"g": [Sample("x", gesture(rate_hz=60.0), "clip0")]}, truth)
+
+
+def test_the_best_group_is_nearest_to_what_is_wanted():
+    def row(**values):
+        return {name: {"value": value} for name, value in values.items()}
+
+    truth = row(jerk=10.0, stress=0.7, stress_chance=0.5, recognised=0.9)
+    calm = row(jerk=8.0, stress=0.6, stress_chance=0.4, ape=3.0, coverage_area=0.7, recognised=0.8, multimodality=1.0)
+    wild = row(jerk=90.0, stress=0.9, stress_chance=0.85, ape=3.0, coverage_area=1.1, recognised=0.7, multimodality=2.0)
+    best = report.best({"truth": truth, "calm": calm, "wild": wild})
+    assert best["jerk"] == best["recognised"] == ["calm"]
+    assert best["stress"] == ["calm"], "what is above chance counts, or trembling wins"
+    assert best["ape"] == ["calm", "wild"]
+    assert best["coverage_area"] == ["wild"]
+    assert "multimodality" not in best
+    assert report.best({"truth": truth, "calm": calm}) == {}
+
+
+def test_each_clip_is_told_and_pictures_hold_all_clips(truth, damage):
+    frozen = [sample._replace(motion=damage["frozen"](sample.motion)) for sample in truth]
+    found = report.report({"frozen": frozen}, truth, None, QUICK, pictures=True)
+    each = found["groups"]["frozen"]["each"]
+    assert [clip["name"] for clip in each] == [sample.name for sample in truth]
+    assert np.mean([clip["values"]["ape"] for clip in each]) == pytest.approx(value(found, "frozen", "ape"))
+    assert {clip["recognised_as"] for clip in each} <= {"large", "small"}
+    for name, item in found["histograms"].items():
+        shares = {group: np.array(values) for group, values in item["shares"].items()}
+        assert shares["truth"].sum() == pytest.approx(1.0, abs=1e-4)
+        assert shares["frozen"][0] == 1.0
+        apart = np.sqrt(1.0 - np.sqrt(shares["truth"] * shares["frozen"]).sum())
+        assert apart == pytest.approx(value(found, "frozen", f"hellinger_{name}"), abs=1e-3)
+    rows = {group: np.array([list(map(int, row)) for row in rows]) for group, rows in found["maps"]["rows"].items()}
+    assert rows["truth"].max() == 9
+    assert (rows["frozen"] <= rows["truth"]).all()
+    assert rows["frozen"].sum() < rows["truth"].sum()
+
+
+def test_where_a_body_looks_does_not_count(truth):
+    """Its first pose is given to it."""
+    turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    turned = [s._replace(motion=s.motion._replace(positions=s.motion.positions @ turn + 50.0)) for s in truth]
+    found = report.report({"turned": turned}, truth, None, QUICK)
+    for measure, wanted in {"ape": 0.0, "ave": 0.0, "pck": 1.0, "coverage_dice": 1.0, "frechet_postures": 0.0}.items():
+        assert value(found, "turned", measure) == pytest.approx(wanted, abs=1e-6), measure
+
+
+def test_styles_of_one_recorded_clip_are_told_and_the_others_recognised(truth):
+    lone = [*truth, truth[0]._replace(name="lone", speech="lone", style="rare")]
+    found = report.report({"g": lone}, lone, None, QUICK)
+    assert found["groups"]["g"]["values"]["recognised"]["clips"] == 6
+    assert any("only one recorded clip shows the style 'rare'" in item["reason"] for item in found["left_out"])

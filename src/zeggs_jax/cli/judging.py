@@ -20,7 +20,7 @@ from ..metrics import beats, feature_net, movement, net_file, report
 from ..metrics.feature_net import FeatureNet, FeatureNetConfig
 from ..metrics.rows import ReportConfig
 from ..metrics.scores import Sample
-from ..stage import player
+from ..stage import legend, player
 from ..stage import report as stage
 
 LONGER_S = 0.5  # by which a made clip may miss its recorded one's length before it is told
@@ -168,7 +168,7 @@ def _models(case: Case) -> dict[str, str]:
 
 def scenes(case: Case, found: Mapping[str, Any], count: int) -> list[stage.Scene]:
     """Recorded clips that most groups have a made one for, styles in turn, each beside those."""
-    worn = stage.colours(list(found["groups"]))
+    worn = legend.colours(list(found["groups"]))
     goes = {group: _first(clips) for group, clips in case.made.items()}
     shown = [name for name in case.recorded if any(name in first for first in goes.values())]
     turn: dict[str | None, int] = {}
@@ -207,7 +207,8 @@ def write(out: Path, found: Mapping[str, Any], case: Case, net: FeatureNet | Non
     """report.html, report.json and the feature net, each whole or not at all."""
     if net is not None:
         partial = out / f".feature_net.{os.getpid()}.npz"
-        np.savez(partial, **net_file.pack(net))
+        arrays: dict[str, Any] = net_file.pack(net)
+        np.savez(partial, **arrays)
         os.replace(partial, out / "feature_net.npz")
     player.save(out / "report.json", json.dumps(found, indent=1, allow_nan=False) + "\n")
     stage.write(out / "report.html", found, scenes(case, found, players), title)

@@ -69,19 +69,23 @@ def report(
 def best(values: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> dict[str, list[str]]:
     """Of every measure that knows good from bad the made groups that are best, those of one value all.
 
-    Where a measure should be as the truth's, it is the nearest one. Of a single group none is best. It says nothing of
-    chance: where intervals overlap, another draw of clips may choose another one.
+    Where a measure should be as the truth's, it is the nearest one; what has a chance beside it counts from there, or
+    trembling would win. Of a single group none is best. Where intervals overlap, other clips may choose another one.
     """
+
+    def above(row: Mapping[str, Mapping[str, Any]], name: str) -> float:
+        return row[name]["value"] - row.get(f"{name}_chance", {"value": 0.0})["value"]
+
     found: dict[str, list[str]] = {}
     for name, measure in MEASURES.items():
-        made = {g: row[name]["value"] for g, row in values.items() if g != TRUTH and name in row}
-        own = values[TRUTH].get(name, {}).get("value", measure.ideal)
+        made = {g: above(row, name) for g, row in values.items() if g != TRUTH and name in row}
+        own = above(values[TRUTH], name) if name in values[TRUTH] else measure.ideal
         if len(made) < 2 or measure.better == "beside" or (measure.better == "as the truth" and own is None):
             continue
         away = {"low": lambda x: x, "high": lambda x: -x, "as the truth": lambda x, own=own: abs(x - own)}
         cost = {group: away[measure.better](value) for group, value in made.items()}
         least = min(cost.values())
-        found[name] = [group for group, value in cost.items() if np.isclose(value, least, rtol=1e-9, atol=1e-12)]
+        found[name] = [group for group, value in cost.items() if np.isclose(value, least, rtol=1e-9, atol=1e-9)]
     return found
 
 
