@@ -56,6 +56,12 @@ def kind(request):
     return Fixed(request.param)
 
 
+@pytest.fixture(scope="module", params=["bottleneck", pytest.param("parts", marks=pytest.mark.slow)])
+def learning(request):
+    """Gradients of many parts take long to compile."""
+    return Fixed(request.param)
+
+
 @pytest.fixture(scope="module")
 def example():
     return np.random.default_rng(1).normal(size=(LENGTH, INPUTS)).astype(np.float32)
@@ -80,19 +86,19 @@ def test_padding_changes_nothing_in_a_compiled_batch_of_any_lengths(kind, exampl
             assert np.abs(ours[4] - ours[0]).max() > 1e-3
 
 
-def test_gradients_are_finite_at_rest_too_and_reach_every_parameter(kind, example):
+def test_gradients_are_finite_at_rest_too_and_reach_every_parameter(learning, example):
     """A body that does not move has no spread: the root of a variance must not break there."""
     still = np.broadcast_to(example[:1], example.shape)
     for x in (padded(still, 0.0), padded(example, 7.0)):
-        _, (params, frames) = kind.slopes(kind.params, x, jax.random.key(0))
+        _, (params, frames) = learning.slopes(learning.params, x, jax.random.key(0))
         assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves((params, frames)))
         assert np.abs(frames[:LENGTH]).max(1).min() > 0
         assert not frames[LENGTH:].any()
     assert all(leaf.any() for leaf in jax.tree.leaves(params))
 
 
-def test_dropout_is_of_the_key(kind, example):
-    one, same, other = (kind.slopes(kind.params, padded(example, 0.0), jax.random.key(k))[0] for k in (1, 1, 2))
+def test_dropout_is_of_the_key(learning, example):
+    one, same, other = (learning.slopes(learning.params, padded(example, 0.0), jax.random.key(k))[0] for k in (1, 1, 2))
     assert one == same != other
 
 
