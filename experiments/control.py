@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+import instrument
 import ledger
 import sweeps
 from zeggs_jax.metrics import recognition
@@ -31,29 +32,32 @@ def summary(rows: Sequence[ledger.Row]) -> Found:
 
 def interpolation(row: ledger.Row) -> Found:
     """Which known factors, and which direct measures, go steadily from one style to another."""
-    known = bool(row["shown"]["factors"])
-    way = sweeps.towards(styles.STYLES[row["a"]], styles.STYLES[row["b"]]) if known else {}
+    way = sweeps.towards(styles.STYLES[row["a"]], styles.STYLES[row["b"]]) if _factors(row) else {}
     return {"name": f"{row['a']} to {row['b']}", **_steady(row, way)}
 
 
 def intensity(row: ledger.Row) -> Found:
     """The same from the centre to twice the style; the way is from what the centre shows to the style's factors."""
-    centre = [values[0] for values in row["shown"]["factors"].values()]
+    centre = _factors(row)
     way = sweeps.towards(centre, styles.STYLES[row["style"]]) if centre else {}
     return {"name": row["style"], **_steady(row, way)}
 
 
+def _factors(row: ledger.Row) -> list[float]:
+    """What the first step shows of each factor; empty where they are not known."""
+    return [value for name, value in row["shown"][0].items() if name.startswith(sweeps.FACTOR)]
+
+
 def _steady(row: ledger.Row, way: dict[str, float]) -> Found:
-    factors, measures = (sweeps.ranks(row["shown"][kind]) for kind in ("factors", "measures"))
-    moving = [name for name, rho in measures.items() if abs(rho) >= sweeps.STEADY]
-    return {"differ": list(way), "steady": sweeps.steady(factors, way), "measures": moving, "ranks": factors}
+    ranks = instrument.rank_correlations(range(len(row["shown"])), row["shown"])
+    return {"differ": list(way), "steady": sweeps.steady(ranks, way), "moving": sweeps.moving(ranks), "ranks": ranks}
 
 
 def component(row: ledger.Row) -> Found:
-    """What a component moves: rank correlations with direct measures and known factors, and their range."""
-    measures, factors = (sweeps.ranks(row["shown"][kind]) for kind in ("measures", "factors"))
-    ends = {name: (values[0], values[-1]) for name, values in row["shown"]["measures"].items()}
-    return {"number": row["number"], "share": row["share"], "measures": measures, "factors": factors, "ends": ends}
+    """What a component moves: rank correlations of all measures, and where they begin and end."""
+    ranks = instrument.rank_correlations(range(len(row["shown"])), row["shown"])
+    ends = {name: (value, row["shown"][-1][name]) for name, value in row["shown"][0].items()}
+    return {"number": row["number"], "share": row["share"], "ranks": ranks, "ends": ends}
 
 
 def samples(rows: Sequence[ledger.Row]) -> list[Found]:

@@ -80,3 +80,15 @@ def save(path: Path, content: Any) -> None:
     partial.write_text(json.dumps(content, indent=1) + "\n")
     partial.replace(path)
     print(f"wrote {path}")
+
+
+def renew(path: Path, name: str, text: str) -> None:
+    """Puts `text` between the two lines <!-- NAME --> of a Markdown file; ValueError where they are not there."""
+    mark = f"<!-- {name} -->\n"
+    parts = path.read_text().split(mark)
+    if len(parts) != 3:
+        raise ValueError(f"'{path}' has {len(parts) - 1} lines '{mark.strip()}'; put two, one before and one after.")
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text(mark.join((parts[0], f"{text.strip()}\n", parts[2])))
+    partial.replace(path)
+    print(f"renewed {path}")

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 import ledger
-import posture
+import sweeps
 import transitions
 from control import Found
 
@@ -29,7 +29,7 @@ def promises(found: Found) -> list[Found]:
 
 def _walks(kind: str, what: str, rows: Sequence[Found]) -> Found:
     known = any(row["differ"] for row in rows)
-    counts = [len(row["steady"] if known else row["measures"]) for row in rows]
+    counts = [len(row["steady"] if known else row["moving"]) for row in rows]
     kept = sum(count >= FACTORS for count in counts)
     asked = f"{kind}: at least {FACTORS} {'known factors' if known else 'direct measures'} follow the steps (>= 0.95)"
     told = f"{kept} of {len(rows)} {what}; median {np.median(counts):g}, least {min(counts)}"
@@ -37,7 +37,8 @@ def _walks(kind: str, what: str, rows: Sequence[Found]) -> Found:
 
 
 def _component(row: Found) -> Found:
-    name, rho = max(row["measures"].items(), key=lambda item: abs(item[1]))
+    direct = [item for item in row["ranks"].items() if not item[0].startswith(sweeps.FACTOR)]
+    name, rho = max(direct, key=lambda item: abs(item[1]))
     asked = f"component {row['number']}: rank correlation with a direct measure of at least {RHO}"
     return _line(asked, f"{rho:+.2f} with {name}", abs(rho) >= RHO)
 
@@ -81,10 +82,12 @@ def _walk_table(what: str, title: str, rows: Sequence[Found]) -> str:
 
 
 def _component_row(row: Found) -> list[str]:
-    strong = [name for name, rho in sorted(row["measures"].items(), key=lambda i: -abs(i[1])) if abs(rho) >= RHO]
-    ends = {name: f"{row['ends'][name][0]:.3g} to {row['ends'][name][1]:.3g} {posture.UNITS[name]}" for name in strong}
-    direct = [f"{name} {row['measures'][name]:+.2f} ({ends[name]})" for name in strong]
-    factors = [f"{name} {rho:+.2f}" for name, rho in row["factors"].items() if abs(rho) >= RHO]
+    strong = sorted((item for item in row["ranks"].items() if abs(item[1]) >= RHO), key=lambda item: -abs(item[1]))
+    direct, factors = [], []
+    for name, rho in strong:
+        begin, end = row["ends"][name]
+        text = f"{name.removeprefix(sweeps.FACTOR)} {rho:+.2f} ({begin:.3g} to {end:.3g})"
+        (factors if name.startswith(sweeps.FACTOR) else direct).append(text)
     return [str(row["number"]), f"{row['share']:.0%}", ", ".join(direct), ", ".join(factors)]
 
 
