@@ -1,4 +1,4 @@
-"""A trial: one training at a small size with one thing changed, measured once; shared by 04 and 05.
+"""A trial: one training at a small size with one thing changed, measured once; shared by 04, 05 and 06.
 
 The size is for two CPU cores: a decoder of 128 units, windows of 2 s at 30 frames a second, neither mirrored nor paced,
 batches of 8, 700 updates, some minutes a run. Differences at this size say which way a choice points, no more; that is
