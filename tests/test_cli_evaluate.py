@@ -1,5 +1,6 @@
 """`zeggs evaluate` from folders to report: what it says of damaged truth, and one sentence for each bad input."""
 
+import hashlib
 import json
 import re
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from zeggs_jax.metrics import feature_net, net_file
-from zeggs_jax.motion import bvh
+from zeggs_jax.motion import bvh, edit
 from zeggs_jax.motion.skeleton import Skeleton
 from zeggs_jax.speech import wav
 
@@ -58,6 +59,12 @@ def folder(tmp_path_factory):
         bvh.write(place / "same" / f"c{k}.bvh", clip)
         bvh.write(place / "frozen" / f"c{k}__{'ab'[k % 2]}.bvh", still)
         bvh.write(place / "trembling" / f"c{k}.bvh", shaken)
+    bvh.write(place / "frozen" / "c5__b.bvh", edit.trim(still, 0, 90))
+    notes = {
+        "speech": {"name": "speech/c0.wav"}, "arguments": {"styles": ["c2.bvh"]}, "seed": 7, "model_sha256": "abc",
+        "inputs_sha256": {"truth/c2.bvh": hashlib.sha256((place / "truth" / "c2.bvh").read_bytes()).hexdigest()},
+    }  # fmt: skip
+    (place / "trembling" / "c0.provenance.json").write_text(json.dumps(notes))
     return place
 
 
@@ -106,7 +113,14 @@ def test_it_says_where_all_comes_from(report):
     assert len(origin["recorded_sha256"]) == 6
     assert len(origin["generated_sha256"]) == 18
     assert origin["models"]["same"] == "no provenance beside its clips"
+    assert "abc" in origin["models"]["trembling"]
+
+
+def test_it_tells_what_flatters_or_hampers(report):
     assert "'same' holds a file that is a recorded clip itself." in report["notes"]
+    assert any("made with 'c2' as its style example" in note for note in report["notes"])
+    assert "'c5__b' of 'frozen' lasts 3.0 s and its recorded clip 4.0 s." in report["notes"]
+    assert len(report["notes"]) == 3
 
 
 def test_the_page_plays_truth_beside_every_group(folder, report):

@@ -42,9 +42,17 @@ def test_other_notes_name_nothing(notes):
     assert c.of_provenance(notes, NAMES) == Counterpart(None, None)
 
 
-def test_a_blend_has_no_style():
-    notes = {"speech": {"name": "one.wav"}, "arguments": {"styles": ["old", "sad"]}}
+@pytest.mark.parametrize("more", [{"styles": ["old", "sad"]}, {"timeline": [{"time": 0}]}, {"pca": [[1, 2.0]]}])
+def test_a_blend_and_what_moves_have_no_style(more):
+    notes = {"speech": {"name": "one.wav"}, "arguments": {"styles": ["old"], "timeline": None, "pca": []}}
+    assert c.of_provenance(notes, NAMES) == Counterpart("one", "old")
+    notes["arguments"] |= more
     assert c.of_provenance(notes, NAMES) == Counterpart("one", None)
+
+
+def test_an_entry_of_a_library_is_called_as_there():
+    notes = {"speech": {"name": "one.wav"}, "arguments": {"styles": ["styles/lib.npz:sad/long"]}}
+    assert c.of_provenance(notes, NAMES) == Counterpart("one", "sad/long")
 
 
 def test_a_style_given_by_a_clip_is_that_clips():

@@ -97,6 +97,9 @@ def test_the_size_of_a_body_does_not_depend_on_units_of_the_truth(folder):
     truth = recorded.read_truth(folder / "m")
     (found,) = made.read_groups([str(folder / "ours")], truth)["ours"]
     assert np.ptp(found.clip.positions - truth.clips[0].clip.positions) < 1e-2
+    write(folder / "theirs" / "one.bvh", metres)
+    with pytest.raises(ValueError, match=r"are 0\.01 times as long as those of"):
+        made.read_groups([str(folder / "theirs")], recorded.read_truth(folder / "truth"))
 
 
 def test_what_does_not_fit_is_one_sentence(folder):

@@ -54,3 +54,27 @@ def test_what_does_not_fit_is_refused(gesture):
         accuracy.ape(gesture(seconds=2.0), gesture(seconds=3.0))
     with pytest.raises(ValueError, match="Hz"):
         accuracy.pck(gesture(rate_hz=60.0), gesture())
+
+
+def test_damage_raises_the_errors_the_more_the_larger(gesture, damage):
+    truth = gesture()
+    shaken = [damage["trembling"](truth, size) for size in (0.5, 2.0, 8.0)]
+    for found in ([accuracy.ape(made, truth) for made in shaken], [-accuracy.pck(made, truth, 2.0) for made in shaken]):
+        assert found == sorted(found)
+        assert found[0] < found[-1]
+    for name in ("mirrored", "frozen", "mean_pose"):
+        assert accuracy.ape(damage[name](truth), truth) > 0.3, name
+        assert accuracy.ave(damage[name](truth), truth) > 0.3, name
+    shifts = [accuracy.ape(damage["late"](truth, seconds), truth) for seconds in (0.0, 0.05, 0.2)]
+    assert shifts == sorted(shifts)
+    assert accuracy.ave(damage["late"](truth, 0.2), truth) == pytest.approx(0.0, abs=1e-9), "it does not see when"
+
+
+def test_a_clip_given_twice_or_at_twice_the_rate_has_the_same_errors(gesture, damage):
+    truth = gesture()
+    made = damage["mirrored"](truth)
+    twice = [m._replace(positions=np.concatenate([m.positions] * 2)) for m in (made, truth)]
+    fast = [damage["mirrored"](gesture(rate_hz=60.0)), gesture(rate_hz=60.0)]
+    for measure in (accuracy.ape, accuracy.pck):
+        assert measure(*twice) == pytest.approx(measure(made, truth))
+        assert measure(*fast) == pytest.approx(measure(made, truth), rel=0.02)

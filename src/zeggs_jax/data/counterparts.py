@@ -39,10 +39,14 @@ def of_name(name: str, names: Sequence[str]) -> Counterpart:
 
 
 def of_provenance(notes: Mapping[str, Any], names: Sequence[str]) -> Counterpart:
-    """The same of what `zeggs generate` writes beside a clip: the recording and the one style that it was given."""
+    """The same of what `zeggs generate` writes beside a clip: the recording and the one style that it was given.
+
+    A blend, a timeline or a style moved along principal components is no style of the truth.
+    """
     speech = stem(str(_at(notes, "speech", "name") or ""))
     styles = _at(notes, "arguments", "styles")
     one = isinstance(styles, Sequence) and not isinstance(styles, str) and len(styles) == 1
+    one = one and not _at(notes, "arguments", "timeline") and not _at(notes, "arguments", "pca")
     return Counterpart(by_last_part(names).get(speech), stem(str(styles[0])) if one else None)
 
 
@@ -66,7 +70,10 @@ def style_of(given: str | None, truth: str | None, styles: Mapping[str, str | No
 
 
 def stem(path: str) -> str:
-    """The last part of a path of either system, without a suffix of sound, motion or arrays."""
+    """The last part of a path of either system, without a suffix of sound or motion; of 'library.npz:NAME' the NAME."""
+    _, inside, name = path.partition(".npz:")
+    if inside:
+        return name
     last = path.replace("\\", "/").rstrip("/").rsplit("/", 1)[-1]
     for suffix in (".wav", ".flac", ".ogg", ".mp3", ".bvh", ".npz"):
         if last.lower().endswith(suffix):
