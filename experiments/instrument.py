@@ -134,3 +134,9 @@ def style(instrument: Instrument, name: str) -> Entry:
     if path.suffix.lower() == ".bvh":
         return style_clip.read_clip(path, instrument.model)
     return styles.find(instrument.library, name)
+
+
+def example(name: str) -> Path | None:
+    """The clip behind a style's name, where there is one at hand."""
+    path = style_clip.bundled_clips().get(name, Path(name))
+    return path if path.is_file() else None
