@@ -83,7 +83,7 @@ def space(
     points: Float[ArrayLike, "N 2"],
     labels: Sequence[str],
     shares: Sequence[float] = (),
-    marked: Mapping[str, ArrayLike] | None = None,
+    marked: Mapping[str, ArrayLike | Sequence[float]] | None = None,
 ) -> None:
     """Writes the map of a style space (Fig. 8a): N clips by their first two principal components, by style.
 
@@ -102,7 +102,7 @@ def scatter(
     points: Float[ArrayLike, "N 2"],
     labels: Sequence[str],
     shares: Sequence[float] = (),
-    marked: Mapping[str, ArrayLike] | None = None,
+    marked: Mapping[str, ArrayLike | Sequence[float]] | None = None,
 ) -> None:
     """`space` drawn on axes that are there."""
     places = np.asarray(points, np.float64)
