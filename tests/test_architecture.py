@@ -1,9 +1,13 @@
 """The house's rules that a machine can check: import arrows, captions, lengths, rooms that touch the disk."""
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+
+import zeggs_jax
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "zeggs_jax"
@@ -107,6 +111,23 @@ def test_only_the_named_files_touch_the_disk():
 def test_no_room_is_called_utils():
     names = {part for path in FILES for part in path.relative_to(PACKAGE).with_suffix("").parts}
     assert not names & {"utils", "helpers", "common", "misc", "util"}
+
+
+def test_the_public_face_has_all_its_names():
+    assert all(getattr(zeggs_jax, name) is not None for name in zeggs_jax.__all__)
+    assert {alias for names in zeggs_jax._PLACES.values() for *_, alias in map(_pair, names)} == set(zeggs_jax.__all__)
+    with pytest.raises(AttributeError, match="nothing"):
+        zeggs_jax.nothing  # noqa: B018
+
+
+def _pair(name: str | tuple[str, str]) -> tuple[str, str]:
+    return (name, name) if isinstance(name, str) else name
+
+
+def test_the_command_line_starts_without_what_is_slow_to_import():
+    slow = "{'jax', 'flax', 'numpy', 'scipy', 'librosa', 'matplotlib'}"
+    code = f"import sys, zeggs_jax.cli; print(*({slow} & sys.modules.keys()))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "\n"
 
 
 def test_the_planted_fault_is_found(tmp_path, monkeypatch):

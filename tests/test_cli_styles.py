@@ -1,5 +1,6 @@
 """`zeggs embed`, `zeggs styles`, the style flags of `zeggs generate`: what they make, one sentence for the rest."""
 
+import functools
 import json
 import shutil
 from dataclasses import replace
@@ -17,6 +18,14 @@ from zeggs_jax.zeroeggs import timeline as t
 from zeggs_jax.zeroeggs.checkpoints import save_model
 
 STYLES = ("happy", "old", "sad", "neutral")
+bundled_model = functools.cache(g.bundled_model)
+
+
+@pytest.fixture
+def zeggs(zeggs, monkeypatch):
+    """The command line, with the bundled model read once for all."""
+    monkeypatch.setattr(g, "bundled_model", bundled_model)
+    return zeggs
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +34,7 @@ def place(tmp_path_factory):
     where = tmp_path_factory.mktemp("styles")
     speech, rate = soundfile.read(next(iter(g.bundled_speech().values())))
     soundfile.write(where / "speech.wav", speech[:rate], rate)
-    model = g.bundled_model()
+    model = bundled_model()
     found = libraries.embed(STYLES, model, frames=((0, 90),))
     libraries.save(where / "lib.npz", found)
     libraries.save(where / "one.npz", found._replace(entries=found.entries[1:2]))
@@ -40,7 +49,9 @@ def place(tmp_path_factory):
         model.config, labels=("calm", "wild"), style=m.StyleEncoderConfig(kind="label"),
         speech=replace(model.config.speech, hidden=4), decoder=m.DecoderConfig(hidden=4, layers=1),
     )  # fmt: skip
-    save_model(where / "labels", m.Model(config, m.init(jax.random.key(0), config), model.scales, model.skeleton))
+    shapes = jax.eval_shape(lambda: m.init(jax.random.key(0), config))
+    params = jax.tree.map(lambda leaf: np.zeros(leaf.shape, np.float32), shapes)
+    save_model(where / "labels", m.Model(config, params, model.scales, model.skeleton))
     for name, cues in {
         "turns": [(0.0, "old", 1.0), (0.4, "happy", 1.0)], "strong": [(0.0, "old", 2.0)],
         "late": [(0.0, "old", 1.0), (3.0, "happy", 1.0)], "unknown": [(0.0, "old", 1.0), (0.4, "hapy", 1.0)],
@@ -74,7 +85,7 @@ def test_the_flags_of_generate_are_the_request(zeggs, place, tmp_path):
     request = g.Request(
         styles=("old",), library=str(place / "lib.npz"), intensity=1.5, pca=((1, 2.0), (3, -1.0)),
     )  # fmt: skip
-    gesture = g.generate(place / "speech.wav", request, model=g.bundled_model())
+    gesture = g.generate(place / "speech.wav", request, model=bundled_model())
     g.save(tmp_path / "same.bvh", gesture)
     assert out.read_bytes() == (tmp_path / "same.bvh").read_bytes()
     assert json.loads(out.with_suffix(".provenance.json").read_text())["arguments"]["pca"] == [[1, 2.0], [3, -1.0]]
