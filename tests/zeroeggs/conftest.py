@@ -15,13 +15,13 @@ from zeggs_jax.data import scale
 from zeggs_jax.data.body import BodyConfig
 from zeggs_jax.data.prepare import PrepareConfig, prepare
 from zeggs_jax.data.scale import Scale, Scales
-from zeggs_jax.motion import bvh, features, pose
+from zeggs_jax.motion import bvh, edit, features, pose
 from zeggs_jax.motion.pose import Pose, Root
 from zeggs_jax.motion.skeleton import Skeleton
 from zeggs_jax.nn.compute import PLAIN, Compute
 from zeggs_jax.speech import wav
-from zeggs_jax.synthetic.corpus import style_clip
 from zeggs_jax.zeroeggs import model as m
+from zeggs_jax.zeroeggs.style_clip import bundled_clips
 
 JOINTS, FRAMES = 5, 7
 NAMES = ("calm/a", "calm/b", "wild/c", "wild/d")
@@ -104,10 +104,10 @@ def corpus(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def clips(tmp_path_factory) -> Path:
-    """Two style clips of 2 s, old.bvh and happy.bvh, and a recording of 1.3 s."""
+    """The first 2 s of two bundled styles, old.bvh and happy.bvh, and a recording of 1.3 s."""
     where = tmp_path_factory.mktemp("clips")
-    for name, seed in (("old", 1), ("happy", 2)):
-        bvh.write(where / f"{name}.bvh", style_clip(name, 2.0, 30, seed))
+    for name in ("old", "happy"):
+        bvh.write(where / f"{name}.bvh", edit.trim(bvh.read(bundled_clips()[name]), 0, 60))
     noise = np.random.default_rng(0).normal(size=20_800) * np.repeat([0.02, 0.2], 10_400)
     wav.write(where / "speech.wav", noise.astype(np.float32))
     return where
