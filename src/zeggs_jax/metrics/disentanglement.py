@@ -1,10 +1,10 @@
 """How factors of style lie in the numbers of an embedding: DCI (Eastwood & Williams 2018), SAP (Kumar et al. 2018).
 
-Each factor is predicted from the embedding's numbers ("codes") by a lasso regression; the sizes of its weights say how
-important each code is to each factor. Codes and factors are standardised first, so units do not count. Traps: the
-regression is linear, so what an embedding says in a curved way counts as not said; DCI asks for factors that vary
-independently of each other (draw them so), and rewards codes of few factors, which is not the same as a good space to
-mix styles in: a turned embedding says the same and scores low.
+Each factor is predicted from the embedding's numbers ("codes") by a lasso regression; the sizes of its weights, as
+shares of what is explained, say how important each code is to each factor. Codes and factors are standardised first,
+so units do not count. Traps: the regression is linear, so what an embedding says in a curved way counts as not said;
+factors that go together in the clips are told through each other, so draw them independently; and codes of few factors
+are no better a space to mix styles in: a turned embedding says the same and scores low.
 """
 
 from typing import NamedTuple
@@ -25,7 +25,7 @@ class Disentanglement(NamedTuple):
     informativeness: float  # mean share of the factors' variance that the codes explain on clips left out
     sap: float  # mean gap of explained variance between a factor's best code and its second
     explained: Float[np.ndarray, " F"]  # the share for each factor; 0 where the mean would have done better
-    importance: Float[np.ndarray, "Z F"]  # absolute weights of the lasso
+    importance: Float[np.ndarray, "Z F"]  # absolute weights of the lasso, a factor's summing to what is explained of it
 
 
 def score(codes: Float[np.ndarray, "N Z"], factors: Float[np.ndarray, "K F"]) -> Disentanglement:
@@ -43,8 +43,9 @@ def score(codes: Float[np.ndarray, "N Z"], factors: Float[np.ndarray, "K F"]) ->
     best = mean.argmin(0)
     columns = np.arange(factors.shape[1])
     enough = mean <= (mean + apart)[best, columns]  # the sparsest regression that is as good within one standard error
-    importance = np.abs(lasso(codes, factors, PENALTIES[enough.argmax(0)]))
     explained = np.clip(1.0 - mean[best, columns], 0.0, 1.0)
+    importance = np.abs(lasso(codes, factors, PENALTIES[enough.argmax(0)]))
+    importance *= explained / np.maximum(importance.sum(0), 1e-12)  # codes that repeat each other get huge ones
     return Disentanglement(
         disentangled(importance), disentangled(importance.T, equally=True), float(explained.mean()),
         gap(codes, factors), explained, importance,
