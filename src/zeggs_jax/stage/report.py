@@ -47,7 +47,7 @@ def page(found: Mapping[str, Any], scenes: Sequence[Scene], title: str) -> str:
         "styles": tables.styles(found),
         "left_out": tables.left_out(found),
         "provenance": tables.provenance(found),
-        "frame": data("frame", player.page(title, {})),
+        "frame": data("frame", player.page("Truth beside generated", {})),
         "scenes": "".join(data(f"scene{k}", item.scene) for k, item in enumerate(scenes)),
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda hole: fill[hole[1]], (folder / "report.html").read_text("utf-8"))
