@@ -180,14 +180,14 @@ def _name(axes: Axes, groups: Mapping[str, tuple[np.ndarray, str]], every: np.nd
                     best, least = at, cost
                     leader = {"arrowstyle": "-", "color": colour, "linewidth": 0.5, "shrinkA": 0} if far > 10 else None
         taken.append(np.stack([best - 0.5 * size, best + 0.5 * size]))
-        text = axes.annotate(
-            name,
-            tuple(centre),
-            tuple((best - middle) / scale),
-            textcoords="offset points", ha="center", va="center", color=colour, fontweight="bold", fontsize=6.8,
-            zorder=7, arrowprops=leader,
-        )  # fmt: skip
-        text.set_path_effects([patheffects.withStroke(linewidth=1.8, foreground="white")])
+        for halo in (True, False):  # the halo is a drawing, the name itself stays text in an SVG
+            text = axes.annotate(
+                name, tuple(centre), tuple((best - middle) / scale), textcoords="offset points", ha="center",
+                va="center", color="white" if halo else colour, fontweight="bold", fontsize=6.8, zorder=7,
+                arrowprops=leader if halo else None,
+            )  # fmt: skip
+            if halo:
+                text.set_path_effects([patheffects.withStroke(linewidth=1.8, foreground="white")])
 
 
 def ramp(count: int) -> list[tuple[float, float, float]]:
