@@ -31,8 +31,8 @@ def test_a_strip_needs_no_label_and_picks_its_instants(tmp_path, clip):
 
 def test_the_figure_is_as_tall_as_its_row_allows(tmp_path, clip):
     used: set = set()
-    (drawing,) = figures.row(clip, [0.0], "#c4674a", drawing.Layout(height=200), used)
-    heights = [float(word.split(")")[0].split()[1]) for word in drawing.split("translate(")[1:]]
+    (drawn,) = figures.row(clip, [0.0], "#c4674a", drawing.Layout(height=200), used)
+    heights = [float(word.split(")")[0].split()[1]) for word in drawn.split("translate(")[1:]]
     assert -190 < min(heights) < -130
     assert max(heights) < 12
 

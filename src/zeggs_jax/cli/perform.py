@@ -3,7 +3,7 @@
 import shutil
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from tqdm import tqdm
 from tyro.conf import Positional, UseAppendAction, arg
@@ -87,7 +87,6 @@ def generate(
         csv: Make many at once from a table with the columns audio, style, file_name, temperature, seed, frames ("A B"),
             first_pose, base_path, generate (all but audio may be left out).
     """
-    from ..stage import player
     from ..zeroeggs import generate as g
     from ..zeroeggs import timeline as timelines
 
@@ -120,10 +119,18 @@ def generate(
         print(f"wrote {len(batch.generate_all(csv, out, request, model))} files to {out}")
         return
     assert speech is not None
+    title = " + ".join(map(stem, shown)) or ("neutral" if not pca else "the mean")
+    _make(speech, request, model, out, html, title)
+
+
+def _make(speech: Path, request: Any, model: Any, out: Path, html: Path | None, title: str) -> None:
+    """One recording: motion, provenance, page, and what is worth knowing of the style."""
+    from ..stage import player
+    from ..zeroeggs import generate as g
+
     gesture = g.generate(speech, request, model=model)
     g.save(out, gesture)
     if html is not None:
-        title = " + ".join(map(stem, shown)) or ("neutral" if not pca else "the mean")
         player.write(html, [player.Figure(title, gesture.clip, speech)])
     for note in gesture.notes:
         print(f"zeggs: note: {note}", file=sys.stderr)
