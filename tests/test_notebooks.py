@@ -94,6 +94,7 @@ def complaints(notebook: nbformat.NotebookNode) -> list[str]:
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_it_runs(path, tmp_path, monkeypatch):
     monkeypatch.delenv("MPLBACKEND", raising=False)
+    monkeypatch.setenv("TF_CPP_MIN_LOG_LEVEL", "3")  # the compiler complains where a machine is slow, not the notebook
     done = run(prepared(path), tmp_path)
     assert not complaints(done)
     assert all(cell.execution_count for cell in done.cells if cell.cell_type == "code")
