@@ -166,6 +166,20 @@ def metadata_of(run: Path, config: t.TrainConfig, corpus: Path) -> dict:
     return stored | {"training": to_dict(t.fit_config(config, load(corpus)))}
 
 
+def test_a_new_run_begins_with_the_model_it_is_given(run, corpus, tmp_path):
+    model, config = load_model(run), t.fit_config(TINY, load(corpus))
+    transform = t.optimiser(config)
+    begun = t._start(tmp_path, config, transform, model.scales, {}, t._params(model, config, load(corpus)))
+    assert int(begun.step) == 0
+    jax.tree.map(np.testing.assert_array_equal, begun.params, model.params)
+    wider = replace(TINY, model=replace(TINY.model, decoder=m.DecoderConfig(hidden=13, layers=1)))
+    with pytest.raises(ValueError, match="decoder"):
+        t.train(corpus, tmp_path, wider, progress=False, initial=model)
+    moved = model._replace(scales=jax.tree.map(lambda a: a + 1.0, model.scales))
+    with pytest.raises(ValueError, match="scales its inputs otherwise"):
+        t.train(corpus, tmp_path, TINY, progress=False, initial=moved)
+
+
 def test_a_run_with_an_average_is_the_averaged_model(run, tmp_path):
     tree, metadata = checkpoint.load(keep.checkpoints(run)[-1])
     tree["average"] = jax.tree.map(lambda a: a + 1.0, tree["params"])

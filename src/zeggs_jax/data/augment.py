@@ -51,6 +51,7 @@ def augment(recorded: Recorded, by: Mirror | None, window: int, frame_time: floa
         example=jnp.where(there[:, None], piece.pose, 0.0),
         example_length=jnp.asarray(recorded.length),
         label=jnp.asarray(recorded.label),
+        foreign=recorded.foreign,
     )
 
 

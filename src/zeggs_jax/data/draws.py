@@ -26,6 +26,7 @@ class WindowConfig:
     as_released: bool = False  # one length per batch, examples that reach a frame into the next clip
     mirror: float | None = None  # share of windows that are mirrored; None: 0.5
     pace: float | None = None  # each batch is played at a pace drawn from 1 +- this; None: 0.1
+    foreign_start: float = 0.0  # share of windows whose body begins in the pose of another clip (ours, not the paper's)
 
     def __post_init__(self) -> None:
         low, high = self.example
@@ -34,11 +35,18 @@ class WindowConfig:
                 f"Windows of {self.window} frames with examples of {low} to {high} do not fit; give examples "
                 "even lengths of at least the window."
             )
-        for name, value, top in (("mirror", self.mirror, 1.0), ("pace", self.pace, 0.5)):
+        for name, value, top in (
+            ("mirror", self.mirror, 1.0),
+            ("pace", self.pace, 0.5),
+            ("foreign_start", self.foreign_start, 1.0),
+        ):
             if value is not None and not 0 <= value <= top:
                 raise ValueError(f"{name} is {value}; give a number from 0 to {top}.")
-        if self.as_released and (self.mirror or self.pace):
-            raise ValueError("Windows as released are neither mirrored nor paced; leave out mirror and pace.")
+        if self.as_released and (self.mirror or self.pace or self.foreign_start):
+            raise ValueError(
+                "Windows as released are neither mirrored nor paced and begin in their own pose; leave out mirror, "
+                "pace and foreign_start."
+            )
 
 
 PAPER = WindowConfig()
@@ -60,6 +68,8 @@ class Draws(NamedTuple):
     mirrored: Bool[np.ndarray, " B"]
     pace: float
     ranges: Int32[np.ndarray, "C 2"]  # of the clips, played at the pace
+    foreign: Bool[np.ndarray, " B"]  # whether a window's body begins in another clip's pose
+    elsewhere: Int64[np.ndarray, " B"]  # row of that pose
 
 
 def draw(prepared: Prepared, seed: int, k: int, config: WindowConfig, split: str) -> Draws:
@@ -77,7 +87,17 @@ def draw(prepared: Prepared, seed: int, k: int, config: WindowConfig, split: str
     lengths = 2 * random.integers(low // 2, high // 2, size=config.batch, endpoint=True)
     if config.as_released:
         lengths[:] = low if k == 0 else lengths[0]
-    return Draws(clips, first, lengths, mirrored, pace, ranges)
+    return Draws(clips, first, lengths, mirrored, pace, ranges, *_draw_starts(prepared, seed, k, config, split))
+
+
+def _draw_starts(
+    prepared: Prepared, seed: int, k: int, config: WindowConfig, split: str
+) -> tuple[Bool[np.ndarray, " B"], Int64[np.ndarray, " B"]]:
+    """Which windows begin in another pose, and the rows of those: any frame of any clip, all clips alike."""
+    random = np.random.default_rng((seed, k, 2))
+    chosen = random.random(config.batch) < (config.foreign_start if split == "train" else 0.0)
+    begin, end = prepared.ranges[random.choice(prepared.clips(split), config.batch)].T
+    return chosen, random.integers(begin, end, dtype=np.int64)
 
 
 def augmentation(config: WindowConfig, prepared: Prepared, split: str = "train") -> Spread:

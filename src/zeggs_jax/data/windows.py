@@ -18,6 +18,13 @@ from zeggs_jax.motion.pose import Pose, Root, from_vector
 Values = np.ndarray | Array  # numpy as it is made, of JAX in the step
 
 
+class Foreign(NamedTuple):
+    """Poses of other clips in which bodies begin, so that the style and not the pose says where they go from there."""
+
+    chosen: Bool[Values, "*B"]  # whether the body begins so
+    pose: Float32[Values, "*B D"]
+
+
 class Batch(NamedTuple):
     """B windows of T frames, examples padded to M; shapes depend on the config alone: nothing recompiles."""
 
@@ -27,6 +34,7 @@ class Batch(NamedTuple):
     example: Float32[Values, "B M D"]  # unscaled pose vectors without gaze; zeros behind example_length
     example_length: Int32[Values, " B"]
     label: Int32[Values, " B"]
+    foreign: Foreign | None = None  # None: every body begins in its own first pose
 
 
 class Piece(NamedTuple):
@@ -56,6 +64,7 @@ class Recorded(NamedTuple):
     length: Int32[Values, " B"]  # of the example
     mirrored: Bool[Values, " B"] | None  # None: no batch of the run has mirrored windows
     times: Times | None  # None: none is played at another pace
+    foreign: Foreign | None = None
 
 
 def batch(
@@ -113,7 +122,8 @@ def _plain(prepared: Prepared, drawn: Draws, part: range, config: WindowConfig) 
     _each(fill, len(part))
     clips, root = drawn.clip[part], Root(windows.root_pos, windows.root_rot)  # pyright: ignore[reportArgumentType]
     poses = from_vector(windows.pose, root)
-    return Batch(windows.speech, poses, prepared.gaze[clips], example, example_length, prepared.labels[clips])
+    gaze, labels, foreign = prepared.gaze[clips], prepared.labels[clips], _foreign(prepared, drawn, part, config)
+    return Batch(windows.speech, poses, gaze, example, example_length, labels, foreign)
 
 
 def _recorded(prepared: Prepared, drawn: Draws, part: range, config: WindowConfig, spread: Spread) -> Recorded:
@@ -147,7 +157,14 @@ def _recorded(prepared: Prepared, drawn: Draws, part: range, config: WindowConfi
         length=length,
         mirrored=drawn.mirrored[part] if spread.mirror else None,
         times=Times(pace, row, weight) if spread.pace else None,
+        foreign=_foreign(prepared, drawn, part, config),
     )
+
+
+def _foreign(prepared: Prepared, drawn: Draws, part: range, config: WindowConfig) -> Foreign | None:
+    if not config.foreign_start:
+        return None
+    return Foreign(drawn.foreign[part], np.asarray(prepared.pose[drawn.elsewhere[part]], np.float32))
 
 
 def _each(fill: Callable[[int], None], count: int) -> None:

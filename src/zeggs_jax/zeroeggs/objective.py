@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from ..data.augment import Mirror, augment
 from ..data.scale import Scales
 from ..data.windows import Batch, Recorded
-from ..motion.pose import Pose
+from ..motion.pose import Pose, from_vector
 from ..nn.compute import Compute
 from ..training.step import LossFn, Metrics
 from . import losses
@@ -65,9 +65,18 @@ def unroll(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tuple
             params, config, scales, jnp.asarray(clip.example), clip.example_length, draws.style_dropout, compute
         )
     drawn = reparameterise(style, draws.style)
-    first = jax.tree.map(lambda a: a[0], clip.poses)
+    first = begin(clip)
     hold = partial(jnp.broadcast_to, shape=(speech.shape[0], drawn.shape[0]))
     return decode(params, config, scales, first, speech, hold(drawn), _gaze(clip), compute), style
+
+
+def begin(clip: Batch) -> Pose:
+    """The pose in which a clip's body begins: its first, or another clip's where the clip's own root is."""
+    own = jax.tree.map(lambda a: jnp.asarray(a[0]), clip.poses)
+    if clip.foreign is None:
+        return own
+    other = from_vector(jnp.asarray(clip.foreign.pose), own.root)
+    return jax.tree.map(lambda a, b: jnp.where(clip.foreign.chosen, a, b), other, own)
 
 
 def clip_loss(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tuple[Terms, Array]:

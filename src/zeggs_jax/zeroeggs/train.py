@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 import optax
 
 from ..data import draws, windows
@@ -27,7 +28,7 @@ from ..training.step import TrainState, begin, make_step
 from .checkpoints import describe
 from .config import from_dict, to_dict
 from .encoders import ENCODERS
-from .model import init
+from .model import Model, Params, check_params, init
 from .objective import Setting, loss_fn
 from .run_folder import check_same, write_json
 from .run_folder import prepared as prepared  # what `train` trains on, made if need be
@@ -43,13 +44,19 @@ def train(
     config: TrainConfig,
     progress: bool = True,
     observers: Observers = NOBODY,
+    initial: Model | None = None,
 ) -> TrainState:
     """Train on the prepared corpus in `folder` (see `run_folder.prepared`), writing the run to folder `out`.
 
-    Goes on where the run in `out` stopped, on any number of devices and processes. ValueError when it was started with
-    other settings or on another corpus or has done more updates, when a label model's labels are not the corpus's
-    styles, when the devices cannot share the batch, or when the loss is no longer finite or explodes; OSError when a
-    file cannot be written; KeyboardInterrupt after Ctrl-C, with all work saved.
+    Goes on where the run in `out` stopped, on any number of devices and processes; a new run begins with the parameters
+    of `initial`, a model trained on the same arrays, or else with drawn ones.
+
+    Raises:
+        ValueError: the run was started with other settings, on another corpus, or has done more updates; the labels are
+            not the corpus's styles; `initial` is of another config or corpus; the devices cannot share the batch; the
+            loss is no longer finite or explodes.
+        OSError: a file cannot be written.
+        KeyboardInterrupt: after Ctrl-C, with all work saved.
     """
     arrays, out = load(folder), Path(out)
     config, mesh = fit_config(config, arrays), devices.mesh()
@@ -60,7 +67,8 @@ def train(
     devices.check_same(json.dumps(metadata, sort_keys=True).encode(), "corpus or settings")
     mirror = mirror_of(arrays.skeleton, arrays.across) if arrays.across else None
     setting, transform = Setting(config, arrays.scales, arrays.skeleton.parents, mirror), optimiser(config)
-    state = devices.replicate(_start(out, config, transform, arrays.scales, metadata), mesh)
+    params = None if initial is None else _params(initial, config, arrays)
+    state = devices.replicate(_start(out, config, transform, arrays.scales, metadata, params), mesh)
     if devices.first():
         write_json(out / "config.json", to_dict(config))
 
@@ -114,13 +122,30 @@ def _validation(arrays: Prepared, setting: Setting, observers: Observers, progre
     return None
 
 
+def _params(initial: Model, config: TrainConfig, arrays: Prepared) -> Params:
+    """The parameters of a model that sees what this corpus's arrays show, as this config has them."""
+    check_params(initial.params, config.model)
+    same = jax.tree.map(lambda a, b: np.array_equal(a, b), initial.scales, arrays.scales)
+    if not all(jax.tree.leaves(same)):
+        raise ValueError(
+            f"the initial model scales its inputs otherwise than '{arrays.folder}'; give one trained on these arrays."
+        )
+    return initial.params
+
+
 def _start(
-    out: Path, config: TrainConfig, transform: optax.GradientTransformation, scales: Scales, metadata: dict[str, Any]
+    out: Path,
+    config: TrainConfig,
+    transform: optax.GradientTransformation,
+    scales: Scales,
+    metadata: dict[str, Any],
+    params: Params | None,
 ) -> TrainState:
     """The state of the run's newest checkpoint, or the first one of a new run."""
 
     def new() -> TrainState:
-        return begin(init(jax.random.key(config.seed), config.model), transform, config.ema is not None)
+        drawn = init(jax.random.key(config.seed), config.model) if params is None else params
+        return begin(drawn, transform, config.ema is not None)
 
     found = keep.checkpoints(out)
     if not found:
