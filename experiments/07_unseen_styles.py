@@ -27,6 +27,7 @@ from zeggs_jax.stage.player import COLOURS
 from zeggs_jax.synthetic import styles
 
 Row = dict[str, float]
+NAME = "07_unseen_styles"
 POINTS = 9  # styles anywhere in the box
 SECONDS = 8.0  # of an example
 INSTANTS = tuple(np.linspace(2.0, 7.6, 8).tolist())
@@ -45,7 +46,7 @@ def main() -> None:
     shown = {name: gauges.means(clip) for name, clip in clips.items()}
     found = {name: {voice: gauges.means(c, ins.SETTLE) for voice, c in of.items()} for name, of in made.items()}
     rows = agreement(shown, found)
-    print(ledger.table(["gauge", "speech", "rank correlation", "mean distance"], rows))
+    ledger.tell(ledger.table(["gauge", "speech", "rank correlation", "mean distance"], rows), NAME, args.docs)
     ledger.save(args.out / "unseen_styles.json", {"examples": shown, "made": found})
     draw(args.out / "unseen_styles.png", clips, made, shown, found)
 

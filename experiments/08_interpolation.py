@@ -28,6 +28,7 @@ from zeggs_jax.stage.drawing import Layout
 from zeggs_jax.zeroeggs import style_space
 
 Row, Colour = dict[str, float], tuple[float, float, float]
+NAME = "08_interpolation"
 STEPS = 9
 CURVES = ("lean", "hand height")
 
@@ -56,11 +57,12 @@ def main() -> None:
     ]  # fmt: skip
     first, last = way.names
     head = [first, "half way", last, "rank correlation", "first pose mixed too", "rank correlation"]
-    print(ledger.table([f"from {first} to {last}", *head], body))
+    told = [ledger.table([f"from {first} to {last}", *head], body), ""]
     for what, of in (("one first pose", found), ("first pose mixed too", with_pose)):
         gauged = sum(abs(rho) >= 0.95 for name, rho in of.items() if not name.startswith("factor"))
         known = sum(abs(rho) >= 0.95 for name, rho in of.items() if name.startswith("factor"))
-        print(f"{what}: rank correlation of 0.95 and more for {gauged} gauges and {known} factors")
+        told.append(f"- {what}: rank correlation of 0.95 and more for {gauged} gauges and {known} factors")
+    ledger.tell("\n".join(told), NAME, args.docs)
     measures = way._asdict() | {"clips": None, "rank_correlation": found, "rank_correlation_mixed": with_pose}
     ledger.save(args.out / "interpolation.json", measures)
     draw(args.out / "interpolation.png", way)

@@ -23,6 +23,7 @@ from zeggs_jax.stage.drawing import Layout
 from zeggs_jax.stage.player import COLOURS
 from zeggs_jax.zeroeggs import library, style_space
 
+NAME = "09_latent_space"
 STEPS = tuple(np.linspace(-2.0, 2.0, 9).tolist())
 SHOWN = (0, 2, 4, 6, 8)  # of the steps, in the figure
 COMPONENTS = 4
@@ -42,7 +43,7 @@ def main() -> None:
         clips.append(made)
     found = [ins.rank_correlations(STEPS, rows) for rows in tables]
     share = np.asarray(components.share, float).tolist()
-    report(found, tables, share)
+    ledger.tell(report(found, tables, share), NAME, args.docs)
     ledger.save(
         args.out / "latent_space.json",
         {"steps": STEPS, "share": share, "rank_correlation": found, "measures": tables, "clips": len(points)},
@@ -52,7 +53,7 @@ def main() -> None:
     draw(args.out / "latent_space.png", places, labels, share, clips, found, tables)
 
 
-def report(found: Sequence[dict[str, float]], tables: Sequence[list[dict[str, float]]], share: list[float]) -> None:
+def report(found: Sequence[dict[str, float]], tables: Sequence[list[dict[str, float]]], share: list[float]) -> str:
     """The table for docs/RESULTS.md."""
     head = ["from -2 to +2 standard deviations", *(f"PC{k + 1} ({100 * share[k]:.0f} %)" for k in range(len(found)))]
     body = []
@@ -60,10 +61,11 @@ def report(found: Sequence[dict[str, float]], tables: Sequence[list[dict[str, fl
         cells = [f"{rho[name]:+.2f} ({rows[0][name]:.3g} .. {rows[-1][name]:.3g})"
                  for rho, rows in zip(found, tables, strict=True)]  # fmt: skip
         body.append([name, *cells])
-    print(ledger.table(head, body))
+    lines = [ledger.table(head, body), ""]
     for k, rho in enumerate(found):
         best = strongest(rho, tables[k])
-        print(f"PC{k + 1}: {best}, rank correlation {rho[best]:+.2f}")
+        lines.append(f"- PC{k + 1} moves most of all gauges: {best}, rank correlation {rho[best]:+.2f}")
+    return "\n".join(lines)
 
 
 def strongest(rho: dict[str, float], rows: list[dict[str, float]]) -> str:

@@ -13,6 +13,7 @@ import platform
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import torch
+from tqdm import tqdm
 
 import ledger
 import torch_twin as twins
@@ -31,6 +33,7 @@ from zeggs_jax.synthetic import body
 from zeggs_jax.zeroeggs import generate as g
 from zeggs_jax.zeroeggs.model import Model, ZeroEggsConfig, decode, encode_speech, encode_style, init
 
+NAME = "10_table2"
 EXAMPLE = 256  # frames
 PARTS = ("speech", "style", "decoder")
 SIDES = ("PyTorch eager", "zeggs-jax")
@@ -44,20 +47,22 @@ def main() -> None:
     parser.add_argument("--checkpoint", type=Path, help="a run or converted checkpoint")
     parser.add_argument("--frames", type=int, default=600)
     parser.add_argument("--repeats", type=int, default=7)
+    ledger.add_docs(parser)
     parser.add_argument("-o", "--out", type=Path, required=True)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
-    models = (
-        {args.checkpoint.name: g.load_model(args.checkpoint)}
-        if args.checkpoint
-        else {"paper size": paper_size(), "bundled": g.bundled_model()}
-    )
-    rows = [row for name, model in models.items() for row in bench(name, model, args.frames, args.repeats)]
+    models = {"paper size": paper_size, "bundled": g.bundled_model}
+    if args.checkpoint:
+        models = {args.checkpoint.name: partial(g.load_model, args.checkpoint)}
+    with tqdm(total=len(models) * len(PARTS) * (args.repeats + 1), desc="table 2", unit="turn") as bar:
+        rows = [row for name, make in models.items() for row in bench(name, make(), args.frames, args.repeats, bar)]
     load = f"load {os.getloadavg()[0]:.1f}, " if hasattr(os, "getloadavg") else ""
-    print(f"{cores()} core(s), {args.frames} frames, batch 1, float32, {args.repeats} repeats in turns, {load}"
-          f"{platform.machine()}, jax {jax.__version__}, torch {torch.__version__}")  # fmt: skip
-    print(table(rows))
+    about = (
+        f"{cores()} core(s), {args.frames} frames, batch 1, float32, {args.repeats} repeats in turns, {load}"
+        f"{platform.machine()}, jax {jax.__version__}, torch {torch.__version__}:"
+    )
+    ledger.tell(f"{about}\n\n{table(rows)}", NAME, args.docs)
     ledger.save(args.out / "table2.json", {"frames": args.frames, "cores": cores(), "rows": rows})
     draw(args.out / "table2.png", rows)
 
@@ -84,16 +89,18 @@ def paper_size() -> Model:
     return Model(config, init(jax.random.key(0), config), scales, body.rest_skeleton())
 
 
-def bench(name: str, model: Model, frames: int, repeats: int) -> list[ledger.Row]:
+def bench(name: str, model: Model, frames: int, repeats: int, bar: tqdm) -> list[ledger.Row]:
     """A row for each network: its size, and what a frame takes on both sides."""
     if model.config.labels or model.config.style.kind != "attn":
         raise ValueError(f"model '{name}' has no attention style encoder; PyTorch's twin has no other.")
     ours, theirs = calls(model, frames)
     rows = []
     for part in PARTS:
+        bar.set_postfix_str(f"{part} of {name}")
         apart = distance(ours[part](), theirs[part]())
         if not apart < ALLOWED:
             raise ValueError(f"{part} of '{name}' and its twin are {apart:.1e} apart; times of the two mean nothing.")
+        bar.update()
         times: dict[str, list[float]] = {side: [] for side in SIDES}
         for _ in range(repeats):
             for side, call in zip(SIDES, (theirs[part], ours[part]), strict=True):
@@ -101,6 +108,7 @@ def bench(name: str, model: Model, frames: int, repeats: int) -> list[ledger.Row
                 call()
                 count = EXAMPLE if part == "style" else frames
                 times[side].append(1e3 * (time.perf_counter() - start) / count)
+            bar.update()
         slow, quick = (statistics.median(times[side]) for side in SIDES)
         size = sum(int(np.prod(leaf.shape)) for leaf in jax.tree.leaves(model.params[part]))
         rows.append({"model": name, "network": part, "parameters": size, "times": times, "ratio": slow / quick,

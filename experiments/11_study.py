@@ -34,6 +34,7 @@ from zeggs_jax.synthetic import corpus, recording, styles
 from zeggs_jax.zeroeggs import generate as g
 from zeggs_jax.zeroeggs import style_clip
 
+NAME = "11_study"
 SECONDS, RATE_HZ = 12.0, 30
 SEED, NET_SEED = 970_000, 980_000  # training corpora use seeds far below
 NET = feature_net.FeatureNetConfig(steps=800)
@@ -61,6 +62,7 @@ def main() -> None:
     parser.add_argument("--corpus", type=Path, help="a corpus folder as the truth; synthetic takes when left out")
     parser.add_argument("--split", default="valid", choices=("train", "valid"))
     parser.add_argument("--clips", type=int, default=24, help="takes of truth at most")
+    ledger.add_docs(parser)
     parser.add_argument("-o", "--out", type=Path, required=True)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
@@ -74,9 +76,7 @@ def main() -> None:
     net = feature_net.train(net_clips, NET)
     groups = conditions(takes, model)
     found = report(groups, [sample(take, movement.of(take.clip)) for take in takes], net, ReportConfig(draws=200))
-    print(table(found))
-    for line in sorted({f"left out: {row['measure']} of {row['group']}: {row['reason']}" for row in found["left_out"]}):
-        print(line)
+    ledger.tell(f"{table(found)}\n\n{left_out(found)}", NAME, args.docs)
     ledger.save(args.out / "study.json", found)
     draw(args.out / "study.png", found)
 
@@ -147,6 +147,13 @@ def table(found: dict[str, Any]) -> str:
         cells = [_cell(found["groups"][name]["values"].get(measure)) for name in CONDITIONS]
         body.append([measure.replace("_", " "), about.unit, about.better, *cells])
     return ledger.table(["measure", "unit", "better", *CONDITIONS], body)
+
+
+def left_out(found: dict[str, Any]) -> str:
+    """A line for each measure that could not be taken of a condition, and why."""
+    return "\n".join(
+        sorted({f"- left out: {row['measure']} of {row['group']}: {row['reason']}" for row in found["left_out"]})
+    )
 
 
 def _cell(value: dict[str, Any] | None) -> str:

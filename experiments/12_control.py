@@ -15,7 +15,6 @@ import argparse
 from collections.abc import Callable
 from functools import partial
 from itertools import combinations
-from pathlib import Path
 from typing import NamedTuple
 
 import jax
@@ -181,17 +180,13 @@ def main() -> None:
     parser = instrument.parser(__doc__)
     parser.add_argument("--timelines", type=int, default=10, help="minutes in five styles")
     parser.add_argument("--pairs", type=int, help="interpolate so many pairs of styles at most (default: all)")
-    parser.add_argument("--docs", type=Path, help="Markdown with two lines <!-- 12_control -->: renew what is between")
     args = parser.parse_args()
     at = setting(args)
     rows = ledger.fill(
         args.out / f"{at.walks.library.model[:12]}.jsonl", jobs(at, args.timelines, args.pairs), "control"
     )
     found = control.summary(rows)
-    told = promises.tables(found)
-    print(told)
-    if args.docs is not None:
-        ledger.renew(args.docs, "12_control", told)
+    ledger.tell(promises.tables(found), "12_control", args.docs)
     ledger.save(args.out / "control.json", {"promises": promises.promises(found), **found})
 
 

@@ -13,6 +13,7 @@ from jax.typing import ArrayLike
 from scipy import stats
 
 import gauges
+import ledger
 import truth
 from zeggs_jax.metrics import factors, kinematic
 from zeggs_jax.metrics.factors import Ruler
@@ -47,6 +48,7 @@ def parser(text: str | None) -> argparse.ArgumentParser:
     found.add_argument("--speech", type=Path, nargs="+", default=[], help="recordings; the bundled ones when left out")
     found.add_argument("--factors", action="store_true", help="the checkpoint was trained on the synthetic corpus")
     found.add_argument("--ruler", type=Path, default=Path("runs/ruler"), help="where the ruler of factors is kept")
+    ledger.add_docs(found)
     found.add_argument("-o", "--out", type=Path, required=True)
     return found
 

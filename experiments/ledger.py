@@ -1,5 +1,6 @@
 """Rows of an experiment in a file of JSON lines, one for each job, so that a stopped experiment goes on; and tables."""
 
+import argparse
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -80,6 +81,18 @@ def save(path: Path, content: Any) -> None:
     partial.write_text(json.dumps(content, indent=1) + "\n")
     partial.replace(path)
     print(f"wrote {path}")
+
+
+def add_docs(parser: argparse.ArgumentParser) -> None:
+    """The argument of an experiment that can write its table into a document."""
+    parser.add_argument("--docs", type=Path, help="Markdown with two lines <!-- NAME OF THE SCRIPT -->: what to renew")
+
+
+def tell(text: str, name: str, docs: Path | None) -> None:
+    """Prints a text, and puts it between the marks of a document where one is given."""
+    print(text, flush=True)
+    if docs is not None:
+        renew(docs, name, text)
 
 
 def renew(path: Path, name: str, text: str) -> None:

@@ -24,7 +24,7 @@ COLUMN, PAGE = 3.4, 7.0  # inches: the width of a column and of a page
 NAMED = 24  # clips: so many styles of one clip each are named on a map
 FORMATS = (".png", ".svg", ".pdf")
 DPI = 300
-SIZE = 200_000  # bytes of a PNG, above which it gets fewer colours
+SIZE = 200_000  # bytes of a PNG, above which it gets fewer colours, then fewer dots
 INK, SOFT, PALE = "#2b2f36", "#8a9099", "#d9dce1"  # text and lines, what is minor, grids
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#b3509a", "#d99a00", "#4aa8e0")  # after Okabe and Ito: colour-blind safe
 MARKERS = ("o", "^", "s", "D")
@@ -60,7 +60,7 @@ def sheet(path: str | Path, width: float, height: float) -> Iterator[Figure]:
 
 
 def _write(path: Path, figure: Figure) -> None:
-    """The figure as a file; a PNG gets a palette, half the size without a visible difference."""
+    """The figure as a file; a PNG gets a palette, half the size without a visible difference, and is kept small."""
     kind, drawn = path.suffix.lower()[1:], io.BytesIO()
     dates: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {"Software": None}}
     figure.savefig(drawn, format=kind, metadata=dates[kind])
@@ -68,10 +68,12 @@ def _write(path: Path, figure: Figure) -> None:
         from PIL import Image
 
         image = Image.open(drawn).convert("RGB")
-        for colours in (255, 128, 80):
-            small = image.quantize(colours, method=Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
+        for colours, dpi in ((255, DPI), (128, DPI), (80, DPI), (128, 240), (80, 200), (64, 150)):
+            size = (round(image.width * dpi / DPI), round(image.height * dpi / DPI))
+            fewer = image if dpi == DPI else image.resize(size, Image.Resampling.LANCZOS)
+            small = fewer.quantize(colours, method=Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
             drawn = io.BytesIO()
-            small.save(drawn, format="png", optimize=True, dpi=(DPI, DPI))
+            small.save(drawn, format="png", optimize=True, dpi=(dpi, dpi))
             if drawn.tell() < SIZE:
                 break
     partial = path.with_name(f".{path.name}.part")
