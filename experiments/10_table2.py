@@ -177,7 +177,7 @@ def distance(ours: Any, theirs: Any) -> float:
 
 
 def draw(path: Path, rows: list[ledger.Row]) -> None:
-    """Milliseconds per frame of both sides, a bar for each network, on a logarithmic axis."""
+    """Milliseconds per frame of both sides, median and range, a line for each network, on a logarithmic axis."""
     names = list(dict.fromkeys(row["model"] for row in rows))
     with plots.sheet(path, plots.COLUMN, 0.75 + 0.95 * len(names)) as figure:
         every = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
@@ -188,14 +188,15 @@ def draw(path: Path, rows: list[ledger.Row]) -> None:
             for number, side in enumerate(SIDES):
                 values = np.array([row["times"][side] for row in of])
                 middle = np.median(values, axis=1)
-                at = np.arange(len(of)) + 0.2 * (2 * number - 1)
-                axes.barh(at, middle, 0.36, color=(plots.SOFT, plots.COLOURS[1])[number], label=side)
-                axes.hlines(at, values.min(axis=1), values.max(axis=1), color=plots.INK, linewidth=0.8)
-                for y, value in zip(at, middle, strict=True):
-                    axes.text(value * 1.15, y, f"{value:.2g}", va="center", fontsize=5.5)
+                at, colour = np.arange(len(of)) + 0.17 * (2 * number - 1), (plots.SOFT, plots.COLOURS[1])[number]
+                axes.hlines(at, values.min(axis=1), values.max(axis=1), color=colour, linewidth=2.0, alpha=0.5)
+                axes.plot(middle, at, "os"[number], color=colour, markersize=3.4, label=side)
+                for y, value, right in zip(at, middle, values.max(axis=1), strict=True):
+                    axes.text(right * 1.22, y, f"{value:.2g}", va="center", fontsize=5.5)
             axes.set_yticks(range(len(of)), [row["network"] for row in of])
-            axes.set(xscale="log")
-            axes.invert_yaxis()
+            axes.set(xscale="log", ylim=(len(of) - 0.5, -0.5))
+            axes.xaxis.set_major_formatter("{x:g}")
+            axes.grid(axis="x")
         low = min(min(times) for row in rows for times in row["times"].values())
         high = max(max(times) for row in rows for times in row["times"].values())
         every[-1].set(xlabel="ms per frame", xlim=(0.5 * low, 4.0 * high))
