@@ -10,9 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from .principal import check_points
 
-SHRINKAGE = (
-    0.1  # share of the isotropic part: directions in which the library hardly spreads count, but not without end
-)
+SHRINKAGE = 0.1  # share of the isotropic part: directions without spread count, but not without end
 
 
 class Cloud(NamedTuple):

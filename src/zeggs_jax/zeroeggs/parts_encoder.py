@@ -75,7 +75,7 @@ def of_joints(skeleton: Skeleton) -> tuple[str, ...]:
 def columns(parts: tuple[str, ...], part: str) -> Int[np.ndarray, " c"]:
     """Columns of a pose vector that tell of the joints of a part; of the trunk also the root's velocities."""
     numbers = np.arange(pose.size(len(parts)), dtype=float)
-    here = pose.from_vector(numbers, pose.Root(np.zeros(3), np.zeros(4)))
+    here = pose.from_vector(numbers, pose.Root(jnp.zeros(3), jnp.zeros(4)))
     joints = [j for j, name in enumerate(parts) if name == part]
     own = [of_all[joints].ravel() for of_all in (here.joint_pos, here.joint_axes, here.joint_vel, here.joint_ang)]
     root = [here.root_vel, here.root_ang] if part == PARTS[0] else []

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from ..speech import transcript
 from ..speech.transcript import Sentence
-from . import timeline_text
+from . import style_space, timeline_text
 from .cue import SAME, Cue, Curve, Number, Timeline, check, lasting
 
 __all__ = ["Cue", "Curve", "Timeline", "by_sentence", "check", "names", "put", "read", "remove", "sequence", "shares"]
@@ -182,11 +182,11 @@ def _point(cue: Cue, number: int, embeddings: Mapping[str, Any], centre: Any) ->
         if name not in embeddings:
             near = difflib.get_close_matches(name, list(embeddings), n=3, cutoff=0.0)
             raise ValueError(f"cue {number} has the unknown style '{name}'; nearest: {', '.join(near)}.")
-    mixed = jnp.asarray(sum(weight * jnp.asarray(embeddings[name]) for name, weight in cue.mix))
+    mixed = style_space.blend(jnp.stack([embeddings[name] for name, _ in cue.mix]), [weight for _, weight in cue.mix])
     if cue.intensity == 1.0:
         return mixed
     if centre is None:
         raise ValueError(
             f"cue {number} has the intensity {cue.intensity:g}, which needs the centre of a library; give one."
         )
-    return jnp.asarray(centre) + cue.intensity * (mixed - jnp.asarray(centre))
+    return style_space.intensify(mixed, centre, cue.intensity)
