@@ -45,6 +45,20 @@ def test_styles_that_are_no_distributions_are_kept_so(library, gesturer, tmp_pat
     assert libraries.centroid(again, "old").distribution.log_var is None
 
 
+def test_a_point_of_ones_own_stands_beside_the_clips(library, gesturer, tmp_path):
+    """A blend has no variance: the file keeps it so, and in a label's mixture it counts as a point."""
+    blend = library.entries[0]._replace(name="blend", distribution=StyleDistribution(np.ones(8, np.float32), None))
+    libraries.save(tmp_path / "a.npz", Library(library.model, (blend, *library.entries)))
+    again = libraries.load(tmp_path / "a.npz", gesturer)
+    assert same(again, Library(library.model, (blend, *library.entries)))
+    assert again.entries[0].distribution.log_var is None
+    of = (blend, library.entries[0])
+    mixed = libraries.centroid(Library("", of), "old").distribution
+    second = np.exp(of[1].distribution.log_var) / 2
+    means = np.array([entry.distribution.mean for entry in of])
+    np.testing.assert_allclose(np.exp(mixed.log_var), second + means.var(0), rtol=1e-3)
+
+
 def test_entries_are_called_after_their_clips(library):
     assert [entry.name for entry in library.entries] == ["old_0-30", "old_30-60", "happy"]
     assert libraries.labels(library) == ("old", "happy")

@@ -73,7 +73,7 @@ def centroid(library: Library, label: str) -> Entry:
         raise ValueError(f"unknown style '{label}': the library has no such name or label; nearest: {nearest_names}.")
     means = points(Library(library.model, tuple(of)))
     mean, spread = means.mean(0), [e.distribution.log_var for e in of if e.distribution.log_var is not None]
-    log_var = jnp.log(jnp.exp(jnp.stack(spread)).mean(0) + means.var(0)) if spread else None
+    log_var = jnp.log(jnp.exp(jnp.stack(spread)).sum(0) / len(of) + means.var(0)) if spread else None
     source = of[0].source if len(of) == 1 else f"the centroid of {len(of)} clips"
     return Entry(label, label, source, None, StyleDistribution(mean, log_var), start_near(library, mean))
 

@@ -87,7 +87,8 @@ def check(library: Library, what: str) -> Library:
 
 def _pack(library: Library) -> dict[str, Any]:
     entries = library.entries
-    log_vars = [entry.distribution.log_var for entry in entries if entry.distribution.log_var is not None]
+    exact = np.full_like(entries[0].distribution.mean, np.nan)  # stands for the variance of a style that has none
+    spreads = [entry.distribution.log_var for entry in entries]
     started = [(k, entry.start) for k, entry in enumerate(entries) if entry.start is not None]
     poses = [jax.tree.map(lambda x: x[0], start.pose) for _, start in started]
     return {
@@ -98,7 +99,7 @@ def _pack(library: Library) -> dict[str, Any]:
         "sources": np.array([entry.source for entry in entries]),
         "frames": np.array([entry.frames or WHOLE for entry in entries], np.int32),  # [N, 2]
         "mean": np.array([entry.distribution.mean for entry in entries], np.float32),  # [N, Z]
-        "log_var": np.array(log_vars, np.float32),  # [N, Z], or [0] where styles are no distributions
+        "log_var": np.array([exact if s is None else s for s in spreads], np.float32),  # [N, Z]
         "started": np.array([k for k, _ in started], np.int32),  # [S]: which entries have a start
         "gaze": np.array([start.gaze for _, start in started], np.float32),  # [S, 3]
         "root_pos": np.array([p.root.pos for p in poses], np.float32),  # [S, 3]
@@ -111,12 +112,12 @@ def _unpack(stored: Mapping[str, Any]) -> Library:
     count, log_var = len(stored["mean"]), stored["log_var"]
     if any(len(stored[key]) != count for key in ("names", "styles", "sources", "frames")):
         raise ValueError("its columns differ in length")
-    if (log_var.size and log_var.shape != stored["mean"].shape) or not np.isfinite(stored["mean"]).all():
+    if log_var.shape != stored["mean"].shape or not np.isfinite(stored["mean"]).all():
         raise ValueError("its embeddings are damaged")
     starts = {int(k): _start(stored, row) for row, k in enumerate(stored["started"])}
     entries = []
     for k in range(count):
-        spread = log_var[k] if log_var.size else None
+        spread = None if np.isnan(log_var[k]).all() else log_var[k]
         begin, end = (int(number) for number in stored["frames"][k])
         entries.append(
             Entry(
