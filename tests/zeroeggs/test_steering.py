@@ -61,6 +61,15 @@ def test_components_move_a_style_in_standard_deviations(space):
     close(change, [2, 0, 0, -1, 0, 0, 0, 0])
 
 
+def test_components_move_every_frame_alike(space):
+    """Of styles in turn or over time, whatever the intensity of a cue."""
+    cues = Timeline((Cue(0.0, (("s1", 1.0),)), Cue(1.0, (("s2", 1.0),), intensity=0.0)))
+    for wishes in ({"timeline": cues}, {"spans": (0.5, 0.5)}):
+        still, moved = (lay_out(space, "s1", "s2", frames=90, pca=pca, **wishes) for pca in ((), ((1, 2.0),)))
+        close(moved - still, np.tile(moved[0] - still[0], (90, 1)))
+        assert np.abs(moved - still).max() > 0.1
+
+
 def test_what_a_request_names():
     assert steering.named(Request()) == ("neutral",)
     assert steering.named(Request(pca=((1, 1.0),))) == ()

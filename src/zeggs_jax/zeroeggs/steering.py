@@ -148,37 +148,43 @@ def style_sequence(
 def _lay_out(
     request: Request, embeddings: Float[Array, "K Z"], frames: int, rate_hz: float, space: Space
 ) -> Float[Array, "T Z"]:
-    """Blended, stitched or cued. Intensity and components act on each style before: of a blend that is the same."""
-    steered = _steer(request, embeddings, space)
+    """Exaggerated, then blended, stitched or cued, then moved along components, whatever a cue's intensity."""
+    embeddings = _exaggerated(request, embeddings, space)
     if request.timeline is not None:
-        at = dict(zip(timelines.names(request.timeline), steered, strict=True))
+        at = dict(zip(timelines.names(request.timeline), embeddings, strict=True))
         centre = None if space.points is None else space.points.mean(0)
-        return timelines.sequence(request.timeline, at, centre, frames, rate_hz)
+        return _moved(request, timelines.sequence(request.timeline, at, centre, frames, rate_hz), space)
     if request.weights and request.spans:
         raise ValueError("both weights and spans were given; weights blend, spans follow each other: give one.")
     if request.spans:
-        shares = style_space.check_shares(request.spans, len(steered), "spans")
+        shares = style_space.check_shares(request.spans, len(embeddings), "spans")
         if min(shares) < 0.0:
             raise ValueError(f"the spans {shares} are shares of the time; give numbers from 0 to 1.")
-        return style_space.stitch(steered, shares, frames)
-    weights = request.weights or (1.0 / len(steered),) * len(steered)
-    weights = style_space.check_shares(weights, len(steered), "weights")
-    return style_space.hold(style_space.blend(steered, jnp.asarray(weights)), frames)
+        return _moved(request, style_space.stitch(embeddings, shares, frames), space)
+    weights = request.weights or (1.0 / len(embeddings),) * len(embeddings)
+    weights = style_space.check_shares(weights, len(embeddings), "weights")
+    return style_space.hold(_moved(request, style_space.blend(embeddings, weights)[None], space)[0], frames)
 
 
-def _steer(request: Request, embeddings: Float[Array, "K Z"], space: Space) -> Float[Array, "K Z"]:
-    if not np.isfinite(request.intensity) or not np.isfinite([amount for _, amount in request.pca]).all():
-        raise ValueError(f"intensity {request.intensity:g} or components {request.pca} are not finite; give numbers.")
-    if request.intensity != 1.0:
-        centre = _points(space).mean(0)
-        embeddings = jax.vmap(lambda z: style_space.intensify(z, centre, request.intensity))(embeddings)
-    if request.pca:
-        components = style_space.principal(_points(space))
-        amounts = dict(request.pca)
-        if len(amounts) < len(request.pca):
-            raise ValueError(f"the components {request.pca} name one twice; give each once.")
-        embeddings = jax.vmap(lambda z: style_space.move(components, z, amounts))(embeddings)
-    return embeddings
+def _exaggerated(request: Request, embeddings: Float[Array, "K Z"], space: Space) -> Float[Array, "K Z"]:
+    if not np.isfinite(request.intensity):
+        raise ValueError(f"intensity {request.intensity:g} is not finite; give 0 (the mean), 1 (the style) or more.")
+    if request.intensity == 1.0:
+        return embeddings
+    centre = _points(space).mean(0)
+    return jax.vmap(lambda z: style_space.intensify(z, centre, request.intensity))(embeddings)
+
+
+def _moved(request: Request, sequence: Float[Array, "T Z"], space: Space) -> Float[Array, "T Z"]:
+    if not request.pca:
+        return sequence
+    amounts = dict(request.pca)
+    if not np.isfinite([amount for _, amount in request.pca]).all():
+        raise ValueError(f"the components {request.pca} are not finite; move along them by numbers.")
+    if len(amounts) < len(request.pca):
+        raise ValueError(f"the components {request.pca} name one twice; give each once.")
+    components = style_space.principal(_points(space))
+    return jax.vmap(lambda z: style_space.move(components, z, amounts))(sequence)
 
 
 def _points(space: Space) -> Float[Array, "N Z"]:
