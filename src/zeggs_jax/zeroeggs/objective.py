@@ -73,10 +73,11 @@ def unroll(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tuple
 def begin(clip: Batch) -> Pose:
     """The pose in which a clip's body begins: its first, or another clip's where the clip's own root is."""
     own = jax.tree.map(lambda a: jnp.asarray(a[0]), clip.poses)
-    if clip.foreign is None:
+    foreign = clip.foreign
+    if foreign is None:
         return own
-    other = from_vector(jnp.asarray(clip.foreign.pose), own.root)
-    return jax.tree.map(lambda a, b: jnp.where(clip.foreign.chosen, a, b), other, own)
+    other = from_vector(jnp.asarray(foreign.pose), own.root)
+    return jax.tree.map(lambda a, b: jnp.where(foreign.chosen, a, b), other, own)
 
 
 def clip_loss(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tuple[Terms, Array]:
