@@ -149,6 +149,9 @@ def test_an_encoder_that_breaks_the_contract_is_told_so(monkeypatch):
     monkeypatch.setitem(ENCODERS, "short", given._replace(apply=short))
     with pytest.raises(ValueError, match=r"style kind 'short' returns a mean of shape \(3,\).*\(4,\)"):
         encoders.init(jax.random.key(0), m.StyleEncoderConfig("short", hidden=4, size=4), INPUTS)
+    monkeypatch.setitem(ENCODERS, "bare", given._replace(apply=lambda *given_to: given.apply(*given_to).mean))
+    with pytest.raises(ValueError, match=r"style kind 'bare' returns a ShapeDtypeStruct; .* return StyleDistribution"):
+        encoders.init(jax.random.key(0), m.StyleEncoderConfig("bare", hidden=4, size=4), INPUTS)
 
 
 def test_the_release_holds_its_own_kinds_alone():

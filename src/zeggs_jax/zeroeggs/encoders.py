@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from .bottleneck_encoder import BOTTLENECK
 from .parts_encoder import PARTS_ENCODER
 from .style_encoder import Encoder as Encoder
-from .style_encoder import StyleEncoder, StyleEncoderConfig, from_linen
+from .style_encoder import StyleDistribution, StyleEncoder, StyleEncoderConfig, from_linen
 
 ENCODERS: dict[str, Encoder] = {
     "attn": from_linen(StyleEncoder),
@@ -47,6 +47,9 @@ def init(key: jax.Array, config: StyleEncoderConfig, inputs: int) -> Any:
     params = encoder.init(key, config, inputs)
     example = jax.ShapeDtypeStruct((2, inputs), jnp.float32)
     made = jax.eval_shape(lambda p, x: encoder.apply(p, config, x, 2, None, "float32"), params, example)
+    if not isinstance(made, StyleDistribution):
+        told = f"style kind '{config.kind}' returns a {type(made).__name__}"
+        raise ValueError(f"{told}; its apply has to return StyleDistribution(mean, log_var or None).")
     for name, leaf in zip(("mean", "log_var"), made, strict=True):
         if leaf is not None and leaf.shape != (config.size,):
             raise ValueError(
