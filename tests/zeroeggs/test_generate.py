@@ -8,7 +8,7 @@ import pytest
 
 from zeggs_jax.data import scale
 from zeggs_jax.motion import bvh, edit, features, pose
-from zeggs_jax.zeroeggs import batch, examples
+from zeggs_jax.zeroeggs import batch, examples, steering
 from zeggs_jax.zeroeggs import generate as g
 from zeggs_jax.zeroeggs.checkpoints import digest
 from zeggs_jax.zeroeggs.model import encode_style
@@ -170,7 +170,8 @@ def test_another_skeleton_is_named(folder, model, tmp_path):
         examples.read(str(tmp_path / "tail.bvh"), model)
 
 
-def test_a_table_makes_one_file_per_row(folder, model, tmp_path):
+def test_a_table_makes_one_file_per_row(folder, model, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(steering, "notes", lambda request, *_: ("it is far out.",) if request.first_pose else ())
     table = folder / "table.csv"
     table.write_text(
         "base_path,audio,style,file_name,temperature,seed,use_gpu,frames,first_pose,generate\n"
@@ -179,6 +180,7 @@ def test_a_table_makes_one_file_per_row(folder, model, tmp_path):
         ".,speech.wav,happy.bvh,skipped,,,,,,False\n"
     )
     made = batch.generate_all(table, tmp_path, g.Request(), model)
+    assert capsys.readouterr().err.count("zeggs: note: line 2 of table 'table.csv': it is far out.\n") == 1
     assert [path.name for path in made] == ["one.bvh", "audio_speech_label_happy.bvh"]
     alone = ask(folder, "old", temperature=0.5, seed=3, frames=((5, 40),), first_pose=str(folder / "happy.bvh"))
     expected = g.generate(folder / "speech.wav", alone, model=model)

@@ -116,7 +116,8 @@ def generate(
     if csv is not None:
         from ..zeroeggs import batch
 
-        print(f"wrote {len(batch.generate_all(csv, out, request, model))} files to {out}")
+        made = batch.generate_all(csv, out, request, model)
+        print(f"wrote {len(made)} file{'s'[: len(made) != 1]} to {out}")
         return
     assert speech is not None
     title = " + ".join(map(stem, shown)) or ("neutral" if not pca else "the mean")

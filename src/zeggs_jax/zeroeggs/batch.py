@@ -1,6 +1,7 @@
 """Many generations from one table: the release's CSV columns, one BVH for each row."""
 
 import csv
+import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -113,7 +114,13 @@ def _slashes(text: str) -> str:
 
 
 def generate_all(table: Path, out: Path, defaults: g.Request, model: Model) -> list[Path]:
-    """Generates every row into `out`, with a progress bar; the whole table is read before the first."""
+    """Generates every row into `out`, with a progress bar; the whole table is read before the first.
+
+    Notes on a row's style (see `generate.Gesture`) go to stderr.
+
+    Raises:
+        ValueError, OSError: whatever `read_table` and `generate` refuse, or two rows of one file name.
+    """
     jobs = read_table(table, defaults)
     names = [job.file_name for job in jobs]
     twice = next((name for name in names if names.count(name) > 1), None)
@@ -124,6 +131,9 @@ def generate_all(table: Path, out: Path, defaults: g.Request, model: Model) -> l
 
 def _generate(job: Job, out: Path, model: Model) -> Path:
     try:
-        return g.save(out / f"{job.file_name}.bvh", g.generate(job.speech, job.request, model=model))
+        gesture = g.generate(job.speech, job.request, model=model)
     except ValueError as error:
         raise ValueError(f"{job.where}: {error}") from error
+    for note in gesture.notes:
+        tqdm.write(f"zeggs: note: {job.where}: {note}", file=sys.stderr)
+    return g.save(out / f"{job.file_name}.bvh", gesture)
