@@ -53,13 +53,15 @@ _PLACES = {  # module: its names, or (name there, name here)
 }
 
 
-def __getattr__(name: str) -> Any:
-    for place, names in _PLACES.items():
-        for there, here in ((n, n) if isinstance(n, str) else n for n in names):
-            if here == name:
-                module = import_module(f"zeggs_jax.{place}")
-                return getattr(module, there, None) or import_module(f"zeggs_jax.{place}.{there}")
-    raise AttributeError(f"module 'zeggs_jax' has no attribute '{name}'")
+if not TYPE_CHECKING:  # editors and type checkers know the names above, and see what is misspelt
+
+    def __getattr__(name: str) -> Any:
+        for place, names in _PLACES.items():
+            for there, here in ((n, n) if isinstance(n, str) else n for n in names):
+                if here == name:
+                    module = import_module(f"zeggs_jax.{place}")
+                    return getattr(module, there, None) or import_module(f"zeggs_jax.{place}.{there}")
+        raise AttributeError(f"module 'zeggs_jax' has no attribute '{name}'")
 
 
 def __dir__() -> list[str]:
