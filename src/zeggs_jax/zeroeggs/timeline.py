@@ -51,7 +51,11 @@ def _cue(entry: Mapping[str, Any], where: str) -> Cue:
 
 
 def write(path: str | Path, timeline: Timeline) -> None:
-    """Writes what `read` reads, as JSON or CSV; defaults are left out."""
+    """Writes what `read` reads, as JSON or CSV, whole or not at all; defaults are left out.
+
+    Raises:
+        ValueError, OSError: whatever `check` refuses, another ending, a name that a CSV cannot hold.
+    """
     defaults = Cue._field_defaults
     entries = []
     for cue in check(timeline).cues:
@@ -62,7 +66,7 @@ def write(path: str | Path, timeline: Timeline) -> None:
 
 
 def put(timeline: Timeline, cue: Cue) -> Timeline:
-    """The timeline with a cue more; it takes the place of one at the same time."""
+    """The timeline with a cue more, which takes the place of one at the same time; ValueError: what `check` refuses."""
     others = [other for other in timeline.cues if abs(other.time - cue.time) >= SAME]
     return check(Timeline(tuple(sorted([*others, cue], key=lambda one: one.time))))
 
@@ -89,7 +93,7 @@ def shift(timeline: Timeline, seconds: Number) -> Timeline:
 
 
 def stretch(timeline: Timeline, factor: Number) -> Timeline:
-    """Times and transitions multiplied by `factor`, which is above 0."""
+    """Times and transitions multiplied by `factor`; a ValueError where that is not above 0."""
     if not 0 < factor < math.inf:
         raise ValueError(f"a timeline cannot be stretched by {factor:g}; give a number above 0.")
     cues = [cue._replace(time=cue.time * factor, transition=cue.transition * factor) for cue in timeline.cues]
