@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy import stats
+from tqdm import tqdm
 
 import gauges
 import instrument as ins
@@ -30,7 +31,7 @@ Row = dict[str, float]
 NAME = "07_unseen_styles"
 POINTS = 9  # styles anywhere in the box
 SECONDS = 8.0  # of an example
-INSTANTS = tuple(np.linspace(2.0, 7.6, 8).tolist())
+INSTANTS = tuple(np.linspace(2.0, 7.4, 7).tolist())
 SHOWN = 2  # styles in the strips
 UNITS = {"lean": "degrees", "hand height": "cm", "hands apart": "cm", "hand speed": "cm/s"}  # of what is plotted
 
@@ -42,7 +43,7 @@ def main() -> None:
     played = ins.tune(args)
     paths = args.styles or made_up(args.out / "examples")
     clips = {path.stem: bvh.read(path) for path in paths}
-    made = {name: make(played, path) for name, path in zip(clips, paths, strict=True)}
+    made = {name: make(played, path) for name, path in zip(clips, tqdm(paths, desc="styles"), strict=True)}
     shown = {name: gauges.means(clip) for name, clip in clips.items()}
     found = {name: {voice: gauges.means(c, ins.SETTLE) for voice, c in of.items()} for name, of in made.items()}
     rows = agreement(shown, found)
@@ -80,29 +81,37 @@ def agreement(shown: Mapping[str, Row], found: Mapping[str, Mapping[str, Row]]) 
 
 def draw(path: Path, clips, made, shown, found) -> None:
     """Strips of the first styles, each example above what is made of it; below, gauges against gauges."""
-    names, voices, layout = list(clips)[:SHOWN], list(next(iter(made.values()))), Layout(width=128)
-    rows: list[tuple[str, str | None, Clip]] = []
-    for name in names:
-        rows += [(name, None, clips[name]), *((name, voice, made[name][voice]) for voice in voices[:2])]
-    with plots.sheet(path, plots.PAGE, 0.83 * len(rows) + 1.9) as figure:
-        grid = figure.add_gridspec(2, len(UNITS), height_ratios=(0.83 * len(rows), 1.65))
-        strip = figure.add_subplot(grid[0, :])
-        poses.bare(strip, len(INSTANTS), len(rows), layout)
-        strip.set_xlim(-1.05 * layout.width, len(INSTANTS) * layout.width)
-        for number, (name, voice, clip) in enumerate(rows):
-            end = len(clip.euler) * clip.frame_time
-            tone = "#7b828c" if voice is None else COLOURS[voices.index(voice)]
-            poses.line_up(strip, clip, [min(t, end - clip.frame_time) for t in INSTANTS], tone, layout, number)
-            title = _plain(name) if voice is None else f"made, \u201c{voice}\u201d"
-            weight = "bold" if voice is None else "normal"
-            strip.text(-1.0 * layout.width, (number + 0.5) * layout.height, title, va="center", fontweight=weight)
-            if voice is None:
-                strip.text(-1.0 * layout.width, (number + 0.62) * layout.height, "the example", va="center", fontsize=6)
+    voices = list(next(iter(made.values())))
+    height = 0.88 * (1 + len(voices[:2]))
+    with plots.sheet(path, plots.PAGE, height + 2.0) as figure:
+        grid = figure.add_gridspec(2, 1, height_ratios=(height, 1.8))
+        strips, points = grid[0].subgridspec(1, SHOWN), grid[1].subgridspec(1, len(UNITS))
+        for number, name in enumerate(list(clips)[:SHOWN]):
+            axes = figure.add_subplot(strips[number])
+            axes.set_title(f"({'abc'[number]}) {_plain(name)}")
+            draw_strip(axes, clips[name], {voice: made[name][voice] for voice in voices[:2]})
         for column, gauge in enumerate(UNITS):
-            axes = figure.add_subplot(grid[1, column])
+            axes = figure.add_subplot(points[column])
             against(axes, [shown[n][gauge] for n in clips], {v: [found[n][v][gauge] for n in clips] for v in voices})
-            axes.set_title(f"{gauge}, {UNITS[gauge]}")
+            axes.set_title(f"({'abcdefgh'[SHOWN + column]}) {gauge}, {UNITS[gauge]}")
             axes.set(xlabel="of the example", ylabel="" if column else "of the made body")
+            if not column:
+                axes.legend(title="speech", loc="upper left", handlelength=0.8, borderaxespad=0.0)
+
+
+def draw_strip(axes, example: Clip, made: Mapping[str, Clip]) -> None:
+    """A row of bodies for the example, and one for each speech below."""
+    layout = Layout(width=128)
+    rows = [("the example", "#7b828c", example)]
+    rows += [
+        (f"made, \u201c{voice}\u201d", colour, clip)
+        for (voice, clip), colour in zip(made.items(), COLOURS, strict=False)
+    ]
+    poses.bare(axes, len(INSTANTS), len(rows), layout)
+    for number, (title, tone, clip) in enumerate(rows):
+        last = (len(clip.euler) - 1) * clip.frame_time
+        poses.line_up(axes, clip, [min(t, last) for t in INSTANTS], tone, layout, number)
+        axes.text(0.12 * layout.width, (number + 0.06) * layout.height, title, va="center", fontsize=6)
 
 
 def against(axes, there: list[float], here: Mapping[str, list[float]]) -> None:
@@ -113,6 +122,7 @@ def against(axes, there: list[float], here: Mapping[str, list[float]]) -> None:
     for (voice, values), colour in zip(here.items(), COLOURS, strict=False):
         axes.scatter(there, values, s=11, color=colour, edgecolors="white", linewidths=0.4, label=voice)
     axes.set(xlim=ends, ylim=ends, aspect="equal")
+    axes.locator_params(nbins=4)
 
 
 def _plain(name: str) -> str:

@@ -108,6 +108,9 @@ def draw(path: Path, way: Way) -> None:
             draw_means(over_steps, name, way, colours)
             over_time.set_title(f"({'bd'[number]}) {name} over time")
             over_steps.set_title(f"({'ce'[number]}) its mean")
+            if not number:
+                signs = over_steps.get_legend_handles_labels()
+                strip.legend(*signs, title="in (c) and (e)", ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.98))
             over_time.set_xlabel("time, s" if number else "")
             over_steps.set_xlabel(f"share of {names[1]}" if number else "")
 
@@ -134,7 +137,6 @@ def draw_means(axes, name: str, way: Way, colours: list[Colour]) -> None:
     axes.scatter(at, values, c=colours, s=16, label="one first pose", zorder=3)
     axes.scatter(at, [row[name] for row in way.mixed], s=13, marker="D", facecolors="white", edgecolors=colours,
                  linewidths=0.9, label="first pose mixed too", zorder=2)  # fmt: skip
-    axes.legend(loc="best", handlelength=1.6, fontsize=5.5)
 
 
 if __name__ == "__main__":

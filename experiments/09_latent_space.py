@@ -38,7 +38,7 @@ def main() -> None:
     tables, clips = [], []
     for number in range(1, count + 1):
         ways = [style_space.move(components, components.mean, {number: step}) for step in STEPS]
-        rows, made = ins.sweep(played, ways)
+        rows, made = ins.sweep(played, ways, f"PC{number}")
         tables.append(rows)
         clips.append(made)
     found = [ins.rank_correlations(STEPS, rows) for rows in tables]
@@ -99,8 +99,9 @@ def draw(
         hands.set_title("(c) hands along PC2")
         draw_hands(hands, [clips[1][k][0] for k in (0, 4, 8)], [STEPS[k] for k in (0, 4, 8)])
         draw_bodies(figure.add_subplot(grid[1, :8]), clips)
+        known = any(name.startswith("factor") for name in found[0])
         table = figure.add_subplot(grid[1, 8:])
-        table.set_title("(e) rank correlations", pad=14)
+        table.set_title("(e) rank correlations: gauges, factors" if known else "(e) rank correlations", pad=14)
         names = list(found[0])
         values = [[rho[name] for rho in found] for name in names]
         change = np.array([[abs(rows[-1][name] - rows[0][name]) for rows in tables] for name in names])

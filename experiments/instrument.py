@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jax.typing import ArrayLike
 from scipy import stats
+from tqdm import tqdm
 
 import gauges
 import ledger
@@ -107,10 +108,15 @@ def read_factors(ruler: Ruler, clips: Sequence[Clip]) -> dict[str, float]:
     return {f"factor: {name}": float(value) for name, value in zip(ruler.names, read, strict=True)}
 
 
-def sweep(instrument: Instrument, embeddings: Sequence[ArrayLike]) -> tuple[list[dict[str, float]], list[list[Clip]]]:
+def sweep(
+    instrument: Instrument, embeddings: Sequence[ArrayLike], what: str = "steps"
+) -> tuple[list[dict[str, float]], list[list[Clip]]]:
     """Measures of each embedding over all speeches, and its clips, one for each speech."""
-    clips = [[play(instrument, z, speech) for speech in instrument.speeches] for z in embeddings]
-    return [measure(instrument, made) for made in clips], clips
+    rows, clips = [], []
+    for z in tqdm(embeddings, desc=what, unit="step"):
+        clips.append([play(instrument, z, speech) for speech in instrument.speeches])
+        rows.append(measure(instrument, clips[-1]))
+    return rows, clips
 
 
 def rank_correlations(steps: Sequence[float], rows: Sequence[Mapping[str, float]]) -> dict[str, float]:

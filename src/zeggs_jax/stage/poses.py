@@ -14,13 +14,14 @@ from zeggs_jax.stage.drawing import STOPS, WEAR, Facet, Layout, facets, lit, sha
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+SHADE = 66  # of the layout's units, for the shadow of the last body
 BANDS = 10  # of light across a limb
 SOFTNESS = (0.0, 2.0, 4.5, 7.5)  # of the shadow's edge: widths of the lines around it
 
 
 def bare(axes: Axes, columns: int, rows: int, layout: Layout) -> None:
     """Axes without frame on which a grid of bodies stands, in the layout's units, y down."""
-    axes.set(xlim=(0, columns * layout.width), ylim=(rows * layout.height, 0), aspect="equal")
+    axes.set(xlim=(0, columns * layout.width + SHADE), ylim=(rows * layout.height, 0), aspect="equal")
     axes.axis("off")
 
 
