@@ -176,3 +176,24 @@ def test_styles_of_one_recorded_clip_are_told_and_the_others_recognised(truth):
     found = report.report({"g": lone}, lone, None, QUICK)
     assert found["groups"]["g"]["values"]["recognised"]["clips"] == 6
     assert any("only one recorded clip shows the style 'rare'" in item["reason"] for item in found["left_out"])
+
+
+def test_two_styles_for_one_speech_are_no_two_samples(truth):
+    made = [s._replace(name=f"{s.name}_{style}", style=style) for s in truth for style in ("large", "small")]
+    found = report.report({"styles": made}, truth, None, QUICK)
+    assert "multimodality" not in found["groups"]["styles"]["values"]
+
+
+def test_a_body_in_the_air_does_not_win_at_skating(truth):
+    lift = np.array([0.0, 50.0, 0.0])
+    up = [s._replace(motion=s.motion._replace(positions=s.motion.positions + lift)) for s in truth]
+    found = report.report({"up": up, "down": truth}, truth, None, QUICK)
+    assert "skate" not in found["groups"]["up"]["values"]
+    assert value(found, "up", "floating") == 1.0
+    assert any(item["group"] == "up" and item["measure"] == "skate" for item in found["left_out"])
+
+
+def test_one_recorded_clip_says_nothing_of_variety(truth):
+    found = report.report({"g": truth}, truth[:1], None, QUICK)
+    assert "diversity" not in found["groups"]["g"]["values"]
+    assert any("all alike" in item["reason"] for item in found["left_out"])

@@ -12,6 +12,7 @@ from .movement import Movement
 from .rows import Pick, Row
 from .scores import Sample
 
+ALIKE = 1e-6  # mean spread of style statistics below which clips are one and the same
 ORDERS: dict[str, kinematic.Order] = {"hellinger_speed": 1, "hellinger_acceleration": 2, "hellinger_jerk": 3}
 
 
@@ -23,14 +24,7 @@ def styles(row: Row, truth: Sequence[Sample], made: bool) -> None:
     except ValueError as error:
         row.refuse("recognised", error)
         return
-    scale = theirs.std(axis=0).mean() + 1e-9
-    if len(samples) > 1:
-        row.statistic("diversity", lambda: lambda pick: diversity.diversity(ours[pick] / scale))
-    if groups := scores.shared(samples):
-        features = np.stack([ours[group] / scale for group in groups])
-        row.statistic(
-            "multimodality", lambda: lambda pick: diversity.multimodality(features[pick]), [None] * len(groups)
-        )
+    _variety(row, ours, float(theirs.std(axis=0).mean()))
     if not any(sample.style for sample in samples):
         row.refuse("recognised", "no style of its clips is known; name them NAME__STYLE.bvh or give corpus.csv.")
         return
@@ -38,6 +32,20 @@ def styles(row: Row, truth: Sequence[Sample], made: bool) -> None:
         _recognition(row, ours, theirs, truth, made)
     except ValueError as error:
         row.refuse("recognised", error)
+
+
+def _variety(row: Row, ours: Float[np.ndarray, "N S"], scale: float) -> None:
+    """Diversity and multimodality, in the truth's mean spread `scale`."""
+    if not scale > ALIKE:
+        row.refuse("diversity", "the recorded clips are one clip or all alike, so nothing says how much is much.")
+        return
+    if len(row.samples) > 1:
+        row.statistic("diversity", lambda: lambda pick: diversity.diversity(ours[pick] / scale))
+    if groups := scores.shared(row.samples):
+        features = np.stack([ours[group] / scale for group in groups])
+        row.statistic(
+            "multimodality", lambda: lambda pick: diversity.multimodality(features[pick]), [None] * len(groups)
+        )
 
 
 def _recognition(

@@ -36,7 +36,7 @@ def report(
             clips that differ in skeleton or rate or hold NaN.
     """
     config = ReportConfig() if config is None else config
-    _check(groups, truth)
+    check(groups, truth)
     everything = {TRUTH: truth, **groups}
     left_out: list[dict[str, str]] = []
     rows = {name: Row(name, samples, config, left_out) for name, samples in everything.items()}
@@ -89,7 +89,8 @@ def best(values: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> dict[str, lis
     return found
 
 
-def _check(groups: Mapping[str, Sequence[Sample]], truth: Sequence[Sample]) -> None:
+def check(groups: Mapping[str, Sequence[Sample]], truth: Sequence[Sample]) -> None:
+    """Refuses, before any work is done, what `report` refuses."""
     if TRUTH in groups:
         raise ValueError("a group of made clips is called 'truth'; give it another name.")
     for name, samples in {TRUTH: truth, **groups}.items():

@@ -45,7 +45,7 @@ MEASURES: dict[str, Measure] = {
     "hellinger_jerk": Measure("", "low", "the same of jerk"),
     "recognised": Measure("share", "high", "clips recognised as their style; the truth's own accuracy is the most"),
     "diversity": Measure("", "as the truth", "mean distance of the style statistics of two clips"),
-    "multimodality": Measure("", "beside", "the same of two samples for one speech"),
+    "multimodality": Measure("", "beside", "the same of two samples for one speech in one style"),
     "canonical": Measure("r", "high", "canonical correlation of made and recorded hands, fitted on the other clips"),
     "ape": Measure("cm", "low", "average position error, from the hips, both in their mean heading"),
     "ave": Measure("cm^2", "low", "average variance error, likewise"),
@@ -78,7 +78,8 @@ def of_clip(sample: Sample, ground: Ground | None) -> dict[str, Callable[[], dic
         "l1": lambda: {"l1": diversity.l1(body(motion))},
     }
     if ground is not None:
-        scores["skate"] = lambda: {k: v for k, v in feet.measure(motion, ground)._asdict().items() if k != "standing"}
+        scores["skate"] = lambda: _skate(feet.measure(motion, ground))
+        scores["floating"] = lambda: _off_ground(feet.measure(motion, ground))
     if sample.energy is not None:
         energy = sample.energy
         scores["energy"] = lambda: _beside_chance(
@@ -121,12 +122,22 @@ def hands(motion: Movement) -> Float[np.ndarray, "_ 6"]:
 
 
 def shared(samples: Sequence[Sample]) -> list[list[int]]:
-    """Numbers of the samples of each speech that has two or more, cut to the smallest number of them."""
-    speeches = sorted({sample.speech for sample in samples})
-    groups = [[k for k, sample in enumerate(samples) if sample.speech == speech] for speech in speeches]
+    """Numbers of the samples of each speech in one style that has two or more, cut to the smallest number of them."""
+    asked = [(sample.speech, sample.style or "") for sample in samples]
+    groups = [[k for k, other in enumerate(asked) if other == one] for one in sorted(set(asked))]
     groups = [group for group in groups if len(group) > 1]
     least = min(map(len, groups), default=0)
     return [group[:least] for group in groups]
+
+
+def _skate(found: feet.Feet) -> dict[str, float]:
+    if not found.standing > 0.0:
+        raise ValueError("no foot of it ever stands on the recorded clips' ground, so none can skate; see 'floating'.")
+    return {"skate": found.skate}
+
+
+def _off_ground(found: feet.Feet) -> dict[str, float]:
+    return {"floating": found.floating, "sunk": found.sunk}
 
 
 def _dynamics(motion: Movement) -> dict[str, float]:
