@@ -110,7 +110,7 @@ def draw(path: Path, way: Way) -> None:
             over_steps.set_title(f"({'ce'[number]}) its mean")
             if not number:
                 signs = over_steps.get_legend_handles_labels()
-                strip.legend(*signs, title="in (c) and (e)", ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.98))
+                strip.legend(*signs, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.98))
             over_time.set_xlabel("time, s" if number else "")
             over_steps.set_xlabel(f"share of {names[1]}" if number else "")
 
@@ -132,7 +132,7 @@ def draw_means(axes, name: str, way: Way, colours: list[Colour]) -> None:
     at, values = np.linspace(0.0, 1.0, STEPS), [row[name] for row in way.rows]
     if all(way.examples):
         ends = [gauge[name] for gauge in way.examples]
-        axes.plot([0, 1], ends, "--", color=plots.SOFT, linewidth=0.8, label="examples")
+        axes.plot([0, 1], ends, "--", color=plots.SOFT, linewidth=0.8, label="(c, e)  examples")
     axes.plot(at, values, color=plots.SOFT, linewidth=0.7, zorder=2)
     axes.scatter(at, values, c=colours, s=16, label="one first pose", zorder=3)
     axes.scatter(at, [row[name] for row in way.mixed], s=13, marker="D", facecolors="white", edgecolors=colours,
