@@ -73,8 +73,10 @@ def main() -> None:
     else:
         takes = synthetic(args.clips, SEED)
         net_clips = [movement.of(take.clip) for take in synthetic(args.clips, NET_SEED)]
+    print(f"training the feature net on {len(net_clips)} other clips", flush=True)
     net = feature_net.train(net_clips, NET)
     groups = conditions(takes, model)
+    print(f"scoring {len(groups) + 1} conditions", flush=True)
     found = report(groups, [sample(take, movement.of(take.clip)) for take in takes], net, ReportConfig(draws=200))
     ledger.tell(f"{table(found)}\n\n{left_out(found)}", NAME, args.docs)
     ledger.save(args.out / "study.json", found)
