@@ -113,6 +113,13 @@ def test_what_lies_outside_the_cloud_is_told(space):
     assert told.startswith("the timeline at 1.0 s lies")
 
 
+def test_a_library_too_small_to_tell_says_so(space):
+    two = Space(Library("", space.library.entries[:2]), space.points[:2])
+    assert notes(two, "s1") == ()
+    (told,) = notes(two, "s1", intensity=3.0)
+    assert told == "a library of 2 embeddings is too small to tell how far out the style lies."
+
+
 def test_samples_do_not_set_off_the_guard(space):
     assert notes(space, "s3", temperature=3.0) == ()
 
@@ -160,6 +167,7 @@ def test_a_motion_is_steered_from_file_to_file(clips, gesturer, library, tmp_pat
     assert told["notes"] == list(gesture.notes)
     assert told["arguments"]["timeline"][1]["mix"][0] == ["old", 0.5]
     assert {library, f"{library}:happy"} <= set(told["inputs_sha256"])
+    assert "happy" not in told["inputs_sha256"]  # the library's, not the bundled clip
 
 
 def test_a_timeline_starts_in_the_pose_of_its_heaviest_first_style(gesturer, library):
@@ -192,6 +200,7 @@ def test_the_mean_starts_like_the_style_nearest_to_it(gesturer, library):
         ),
         ({"library": "LIBRARY", "pca": ((1, 1.0),), "frames": ((0, 9),)}, "leave frames and spans out"),
         ({"library": "LIBRARY", "styles": ("odl",)}, "unknown style 'odl'.*nearest: old"),
+        ({"timeline": Timeline((Cue(0.0, (("odl", 1.0),)),))}, "the timeline: unknown style 'odl'.*nearest: old"),
         ({"library": "ONE", "pca": ((1, 1.0),)}, "a library of 1 embedding has no mean and no directions"),
         ({"library": "ONE", "intensity": 2.0}, "a library of 1 embedding has no mean"),
         (
@@ -224,7 +233,8 @@ def test_labels_are_a_space_of_their_own(labelled):
     space = steering.read_space(request, labelled)
     chosen = g.read_styles(request, labelled, space)
     close(g.style_sequence(request, chosen, 2, 30.0, space)[0], [4 / 3, -1 / 6, -1 / 6])
-    assert steering.notes(request, chosen, 2, 30.0, space)[0].startswith("intensity 1.5 of 'calm' lies 1.50 times")
+    (told,) = steering.notes(request, chosen, 2, 30.0, space)
+    assert told == "intensity 1.5 of 'calm' lies 1.50 times as far out as the farthest label."
     mixed = Request(timeline=Timeline((Cue(0.0, (("calm", 0.5), ("wild", 0.5))),)))
     close(g.style_sequence(mixed, g.read_styles(mixed, labelled), 2, 30.0, space)[0], [0.5, 0.0, 0.5])
     for wishes in ({"library": "a.npz"}, {"pca": ((1, 1.0),)}):

@@ -116,7 +116,8 @@ _decode = jax.jit(decode, static_argnames=("config",))
 def provenance(speech: Speech, request: Request, model: Model) -> dict[str, Any]:
     """Version, model, seed, arguments and the digests of all inputs: what it takes to make the same bytes again."""
     named = (*steering.named(request), *filter(None, (request.first_pose, request.library)))
-    found = {name: examples.bundled().get(name, examples.split(name)[0]) for name in named}
+    own = library.names(library.load(request.library, model)) if request.library else ()
+    found = {name: examples.bundled().get(name, examples.split(name)[0]) for name in named if name not in own}
     if steering.needs_space(request) and request.library is None:
         found["the bundled library"] = library.BUNDLED
     cues = [cue._asdict() for cue in request.timeline.cues] if request.timeline else None

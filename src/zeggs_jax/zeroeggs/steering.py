@@ -98,7 +98,10 @@ def read_styles(request: Request, model: Model, space: Space | None = None) -> l
         return [_mean(request, space)]
     ranges = request.frames * count if len(request.frames) == 1 else request.frames or (None,) * count
     own = space.library if request.library is not None else None  # whose names count before the bundled ones
-    return [examples.read(style, model, cut, own) for style, cut in zip(styles, ranges, strict=True)]
+    try:
+        return [examples.read(style, model, cut, own) for style, cut in zip(styles, ranges, strict=True)]
+    except ValueError as error:
+        raise ValueError(f"the timeline: {error}" if request.timeline else str(error)) from error
 
 
 def _mean(request: Request, space: Space) -> Entry:
@@ -195,8 +198,11 @@ def _points(space: Space) -> Float[Array, "N Z"]:
 
 def notes(request: Request, chosen: Sequence[Entry], frames: int, rate_hz: float, space: Space) -> tuple[str, ...]:
     """What is worth knowing of the styles asked for: how far outside the library's cloud they reach, at their means."""
-    if space.points is None or style_space.lacking(space.points):
+    if space.points is None:
         return ()
+    if little := style_space.lacking(space.points):
+        told = f"a library of {little} is too small to tell how far out the style lies."
+        return (told,) if space.library and needs_space(request) else ()
     means = jnp.stack([entry.distribution.mean for entry in chosen])
     sequence = _lay_out(request, means, frames, rate_hz, space)
     cloud = style_space.cloud(space.points)
@@ -205,7 +211,8 @@ def notes(request: Request, chosen: Sequence[Entry], frames: int, rate_hz: float
     if far[frame] <= INSIDE:
         return ()
     where = f"the timeline at {frame / rate_hz:.1f} s" if request.timeline else _described(request, chosen)
-    return (f"{where} lies {far[frame]:.2f} times as far out as the farthest clip of the style library.",)
+    farthest = "clip of the style library" if space.library else "label"
+    return (f"{where} lies {far[frame]:.2f} times as far out as the farthest {farthest}.",)
 
 
 def _described(request: Request, chosen: Sequence[Entry]) -> str:
