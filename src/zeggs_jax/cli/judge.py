@@ -55,15 +55,21 @@ def evaluate(
         raise ValueError("nothing to evaluate was given; name folders of generated .bvh files.")
     if players < 0:
         raise ValueError(f"--players is {players}; give how many clips the page plays, 0 or more.")
-    if rate is not None and not rate > 0.0:
-        raise ValueError(f"--rate is {rate:g}; give frames per second, above 0.")
+    if seed < 0:
+        raise ValueError(f"--seed is {seed}; give 0 or more.")
+    if rate is not None and not 0.0 < rate <= judging.FASTEST_HZ:
+        raise ValueError(f"--rate is {rate:g}; give frames per second, above 0 and up to {judging.FASTEST_HZ:g}.")
     case = judging.read(generated, truth, speech, split, rate, unpaired)
+    given = None if feature_net is None else judging.read_net(feature_net, case)
     prepare_folder(out)
     print(
         f"{len(case.truth)} recorded clips; " + "; ".join(f"{len(g)} of {n}" for n, g in case.made.items()),
         file=sys.stderr,
     )
-    net, told = judging.net_of(case, feature_net, seed)
+    if given is None:
+        net, told = judging.train_net(case, seed)
+    else:
+        net, told = given, f"the feature net was read from '{feature_net}'"
     print(told, file=sys.stderr)
     found = judging.measure(case, net, told, config)
     judging.write(out, found, case, net, players, title)

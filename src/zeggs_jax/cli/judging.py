@@ -23,6 +23,8 @@ from ..metrics.scores import Sample
 from ..stage import legend, player
 from ..stage import report as stage
 
+FEW = 10  # clips: intervals of fewer are plainly too narrow
+FASTEST_HZ = 1000.0  # that motion is resampled to
 LONGER_S = 0.5  # by which a made clip may miss its recorded one's length before it is told
 SHOWN = {"ape": "APE {:.1f} cm", "jerk": "jerk {:.0f} cm/s³", "skate": "skate {:.1f} cm/s"}
 HEADLINE = ("fgd", "recognised", "ape", "jerk", "beat_consistency", "skate")
@@ -57,6 +59,7 @@ def read(
         name: [_sample(clip.name, clip, clip.truth, clip.style, heard) for clip in clips]
         for name, clips in made.items()
     }
+    report.check(groups, samples)
     return Case(samples, groups, recorded, made, [*found.problems, *_notes(made, recorded)])
 
 
@@ -92,6 +95,8 @@ def _notes(made: Mapping[str, Sequence[Made]], recorded: Mapping[str, Recorded])
     digests = {made_clips.digest(clip.path): clip.name for clip in recorded.values()}
     styles = {clip.style for clip in recorded.values() if clip.style}
     for group, clips in made.items():
+        if 1 < len(clips) < FEW:
+            yield f"'{group}' has {len(clips)} clips: intervals of so few are narrower than they should be."
         if alone := [clip.name for clip in clips if clip.truth is None]:
             yield f"{len(alone)} of the {len(clips)} clips of '{group}' go with no recorded clip (first: '{alone[0]}')."
         if lost := sorted(set(recorded) - {clip.truth.name for clip in clips if clip.truth}):
@@ -113,14 +118,17 @@ def _notes(made: Mapping[str, Sequence[Made]], recorded: Mapping[str, Recorded])
             yield f"'{group}' holds a file that is a recorded clip itself."
 
 
-def net_of(case: Case, path: Path | None, seed: int) -> tuple[FeatureNet | None, str]:
-    """The feature net and where it comes from; None and why there is none."""
-    if path is None:
-        try:
-            net = feature_net.train([sample.motion for sample in case.truth], FeatureNetConfig(seed=seed))
-        except ValueError as error:
-            return None, f"no feature net: {error}"
-        return net, f"the feature net was trained on the {len(case.truth)} recorded clips"
+def train_net(case: Case, seed: int) -> tuple[FeatureNet | None, str]:
+    """A feature net of the recorded clips and what to tell of it; None and why there is none."""
+    try:
+        net = feature_net.train([sample.motion for sample in case.truth], FeatureNetConfig(seed=seed))
+    except ValueError as error:
+        return None, f"no feature net: {error}"
+    return net, f"the feature net was trained on the {len(case.truth)} recorded clips"
+
+
+def read_net(path: Path, case: Case) -> FeatureNet:
+    """The feature net of a file; FileNotFoundError or ValueError where there is none in it, or one of other joints."""
     if not path.is_file():
         raise FileNotFoundError(f"the feature net '{path}' does not exist; leave --feature-net out to train one.")
     try:
@@ -129,7 +137,8 @@ def net_of(case: Case, path: Path | None, seed: int) -> tuple[FeatureNet | None,
     except Exception as error:
         told = str(error) if isinstance(error, ValueError) and "feature net" in str(error) else "it does not read"
         raise ValueError(f"'{path}' is no feature net of 'zeggs evaluate' ({told.rstrip('.')}).") from error
-    return net, f"the feature net was read from '{path}'"
+    feature_net.check(net, case.truth[0].motion.skeleton)
+    return net
 
 
 def measure(case: Case, net: FeatureNet | None, told: str, config: ReportConfig) -> dict[str, Any]:

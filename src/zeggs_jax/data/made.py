@@ -50,6 +50,8 @@ def named(text: str) -> tuple[str, Path]:
     """(name of the group, its place) of a command line's word: FOLDER, FILE.bvh or NAME=FOLDER."""
     name, equals, place = text.partition("=")
     path = Path(text) if not equals or Path(text).exists() else Path(place)
+    if equals and not name and path == Path(place):
+        raise ValueError(f"'{text}' names a group without a name; give NAME=FOLDER or the folder alone.")
     if not path.exists():
         raise FileNotFoundError(f"there is no file or folder '{path}' to evaluate; check its name.")
     if path.is_file() and path.suffix.lower() != ".bvh":

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -123,8 +124,8 @@ def same(first: Clip, other: Clip, first_path: Path, path: Path) -> None:
     """Refuses another skeleton or another rate."""
     a, b = first.skeleton, other.skeleton
     if a.names != b.names or a.parents != b.parents:
-        odd = next((y for x, y in zip(a.names, b.names, strict=False) if x != y), None)
-        difference = f"first different joint: '{odd}'" if odd else "their joints or hierarchies differ"
+        odd = next((y or x for x, y in zip_longest(a.names, b.names) if x != y), None)
+        difference = f"first different joint: '{odd}'" if odd else "their hierarchies differ"
         raise ValueError(
             f"'{path}' has a skeleton of {len(b)} joints and '{first_path}' another of {len(a)}, {difference}; "
             "evaluate motions of one skeleton."

@@ -19,6 +19,7 @@ import optax
 from flax import linen as nn
 from jaxtyping import Array, Float, Int
 
+from ..motion.skeleton import Skeleton
 from ..nn.layers import Dense
 from . import movement
 from .movement import Movement
@@ -168,19 +169,24 @@ def _decode(params: Any, data: Float[Array, "N F C"], config: FeatureNetConfig) 
     return jax.vmap(lambda window: cast(Any, _AutoEncoder(config).apply({"params": params}, window))[1])(data)
 
 
-def embed(net: FeatureNet, motion: Movement) -> Float[np.ndarray, "N D"]:
-    """Features of all windows of a motion.
-
-    Raises:
-        ValueError: joints that are not the net's, NaN, or a motion shorter than a window.
-    """
-    names = tuple(motion.skeleton.names[joint] for joint in movement.major(motion.skeleton))
+def check(net: FeatureNet, skeleton: Skeleton) -> None:
+    """ValueError for a skeleton whose major joints are not the net's."""
+    names = tuple(skeleton.names[joint] for joint in movement.major(skeleton))
     if names != net.joints:
         odd = next((name for name in (*names, *net.joints) if (name in names) != (name in net.joints)), "their order")
         raise ValueError(
             f"the feature net was trained on {len(net.joints)} joints and the motion has {len(names)}, "
             f"first difference: {odd}; train a net on this skeleton."
         )
+
+
+def embed(net: FeatureNet, motion: Movement) -> Float[np.ndarray, "N D"]:
+    """Features of all windows of a motion.
+
+    Raises:
+        ValueError: joints that are not the net's, NaN, or a motion shorter than a window.
+    """
+    check(net, motion.skeleton)
     scaled = (windows(net.config, motion) - net.mean) / net.spread
     return np.asarray(_features(net.params, jnp.asarray(scaled, jnp.float32), net.config), np.float64)
 
