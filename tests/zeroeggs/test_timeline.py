@@ -167,6 +167,13 @@ def test_sentences_that_no_style_is_given_for_keep_the_one_before():
     assert [(one.time, one.mix[0][0]) for one in timeline.cues] == [(0.0, "old"), (3.0, "sad")]
 
 
+def test_a_hard_switch_is_in_the_middle_of_the_pause():
+    timeline = tl.by_sentence(said((0.0, 2.0), (3.0, 5.0)), ["old", "sad"], curve="hard")
+    share = tl.shares(timeline, 150, 30.0)
+    np.testing.assert_array_equal(share.argmax(1), np.repeat([0, 1], 75))
+    assert set(share.ravel()) == {0.0, 1.0}
+
+
 def test_short_sentences_shorten_their_transitions():
     timeline = tl.by_sentence(said((0.0, 0.4), (0.4, 0.8), (0.8, 1.0), (1.0, 9.0)), ["old", "sad"], 2.0)
     assert len(timeline.cues) == 4  # and `check` found no overlap

@@ -110,9 +110,9 @@ def _from_transcript(path: Path, styles: Sequence[str], given: dict[str, Any]) -
     if any(numbered) and not all(numbered):
         raise ValueError("--styles mixes styles in turn and styles of numbered sentences; give one form or the other.")
     chosen = {int(index): style for index, _, style in named} if all(numbered) else styles
-    lines = t.by_sentence(spoken, chosen, **{k: v for k, v in given.items() if k == "transition"})
-    how = {key: value for key, value in given.items() if key != "transition"}
-    return t.Timeline(tuple(cue._replace(**how) for cue in lines.cues)), spoken
+    lines = t.by_sentence(spoken, chosen, **{key: value for key, value in given.items() if key != "intensity"})
+    how = {key: value for key, value in given.items() if key == "intensity"}
+    return t.check(t.Timeline(tuple(cue._replace(**how) for cue in lines.cues))), spoken
 
 
 def _table(lines: Any, spoken: Sequence[Any]) -> str:

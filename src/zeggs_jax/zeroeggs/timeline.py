@@ -111,15 +111,19 @@ def spoken(path: str | Path) -> tuple[Sentence, ...]:
 
 
 def by_sentence(
-    sentences: Sequence[Sentence], styles: Sequence[str] | Mapping[int, str], transition: Number = 1.0
+    sentences: Sequence[Sentence],
+    styles: Sequence[str] | Mapping[int, str],
+    transition: Number = 1.0,
+    curve: Curve = "smooth",
 ) -> Timeline:
     """A style for each sentence: `styles` in turn, or by the sentence's index (others keep the style before them).
 
     A style may be a mix, "0.3 old + 0.7 happy". Each transition lies in the middle of the pause between two sentences,
-    and is shortened where sentences are shorter than it.
+    and is shortened where sentences are shorter than it; with the curve 'hard' the styles switch there.
 
     Raises:
-        ValueError: no sentences, no styles, an index that no sentence has, or no style for the first sentence.
+        ValueError: no sentences, no styles, an index that no sentence has, no style for the first sentence, or whatever
+            `check` refuses.
     """
     if not sentences or not styles:
         raise ValueError(f"got {len(sentences)} sentences and {len(styles)} styles; give one or more of each.")
@@ -133,11 +137,11 @@ def by_sentence(
     changes = [0]
     changes += [k for k in sorted(chosen) if k and chosen[k] != chosen[max(j for j in chosen if j < k)]]
     middles = [0.0] + [0.5 * (sentences[k - 1].end + sentences[k].start) for k in changes[1:]]
-    cues = [Cue(0.0, _mix(chosen[0]), transition)]
+    cues = [Cue(0.0, _mix(chosen[0]), transition, curve)]
     for n in range(1, len(changes)):
         room = min(b - a for a, b in zip(middles[n - 1 : n + 1], middles[n : n + 2], strict=False))
-        span = min(float(transition), room)
-        cues.append(Cue(middles[n] - 0.5 * span, _mix(chosen[changes[n]]), span))
+        span = 0.0 if curve == "hard" else min(float(transition), room)
+        cues.append(Cue(middles[n] - 0.5 * span, _mix(chosen[changes[n]]), span, curve))
     return check(Timeline(tuple(cues)))
 
 
