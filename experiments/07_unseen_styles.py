@@ -96,7 +96,8 @@ def draw(path: Path, clips, made, shown, found) -> None:
             axes.set_title(f"({'abcdefgh'[SHOWN + column]}) {gauge}, {UNITS[gauge]}")
             axes.set(xlabel="of the example", ylabel="" if column else "of the made body")
             if not column:
-                axes.legend(title="speech", loc="upper left", handlelength=0.8, borderaxespad=0.0)
+                signs = axes.get_legend_handles_labels()
+                figure.legend(*signs, title="speech", loc="outside lower center", ncols=len(voices), handlelength=0.8)
 
 
 def draw_strip(axes, example: Clip, made: Mapping[str, Clip]) -> None:

@@ -99,9 +99,8 @@ def draw(
         hands.set_title("(c) hands along PC2")
         draw_hands(hands, [clips[1][k][0] for k in (0, 4, 8)], [STEPS[k] for k in (0, 4, 8)])
         draw_bodies(figure.add_subplot(grid[1, :8]), clips)
-        known = any(name.startswith("factor") for name in found[0])
         table = figure.add_subplot(grid[1, 8:])
-        table.set_title("(e) rank correlations: gauges, factors" if known else "(e) rank correlations", pad=14)
+        table.set_title("(e) rank correlations", pad=14)
         names = list(found[0])
         values = [[rho[name] for rho in found] for name in names]
         change = np.array([[abs(rows[-1][name] - rows[0][name]) for rows in tables] for name in names])
@@ -111,6 +110,8 @@ def draw(
         gauged = sum(not name.startswith("factor") for name in names)
         if gauged < len(names):
             table.axhline(gauged - 0.5, color=plots.INK, linewidth=0.8)
+            for label in table.get_yticklabels()[gauged:]:  # the factors
+                label.set_fontstyle("italic")
 
 
 def draw_bodies(axes, clips: list[list[list[Clip]]]) -> None:

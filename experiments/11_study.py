@@ -39,8 +39,12 @@ SECONDS, RATE_HZ = 12.0, 30
 SEED, NET_SEED = 970_000, 980_000  # training corpora use seeds far below
 NET = feature_net.FeatureNetConfig(steps=800)
 CONDITIONS = ("truth", "mismatched", "ours", "mean pose", "previous frame")
-PLOTTED = ("fgd", "frechet_velocities", "hellinger_speed", "recognised", "canonical", "energy", "beat_consistency",
-           "stress", "ape", "jerk", "l1", "skate")  # fmt: skip
+PLOTTED = {
+    "fgd": "Frechet gesture distance", "frechet_velocities": "Frechet, velocities",
+    "hellinger_speed": "Hellinger, speeds", "recognised": "style recognised", "canonical": "canonical correlation", "energy": "energy of speech",
+    "beat_consistency": "beat consistency", "stress": "stressed words", "ape": "position error", "jerk": "jerk",
+    "l1": "extent (L1)", "skate": "foot skate",
+}  # fmt: skip
 
 
 class Take(NamedTuple):
@@ -173,11 +177,12 @@ def draw(path: Path, found: dict[str, Any]) -> None:
     )
     with plots.sheet(path, plots.PAGE, 4.4) as figure:
         every = figure.subplots(3, 4)
-        for axes, measure in zip(every.flat, PLOTTED, strict=True):
+        for axes, (measure, title) in zip(every.flat, PLOTTED.items(), strict=True):
             for row, name in enumerate(reversed(CONDITIONS)):
                 value = found["groups"][name]["values"].get(measure)
                 if value is None or value["value"] is None:
-                    axes.text(0.03, row, "cannot be taken", va="center", fontsize=5.5, color=plots.SOFT,
+                    why = "the reference" if name == "truth" else "cannot be taken"
+                    axes.text(0.03, row, why, va="center", fontsize=5.5, color=plots.SOFT,
                               transform=axes.get_yaxis_transform())  # fmt: skip
                     continue
                 if value["low"] is not None:
@@ -187,9 +192,10 @@ def draw(path: Path, found: dict[str, Any]) -> None:
                     axes.axvline(value["value"], color=plots.PALE, linewidth=1.0, zorder=0)
             about = MEASURES[measure]
             axes.set_yticks(range(len(CONDITIONS)), reversed(CONDITIONS) if axes in every[:, 0] else [])
-            axes.set(ylim=(-0.6, len(CONDITIONS) - 0.4), title=measure.replace("_", " "))
+            axes.set(ylim=(-0.6, len(CONDITIONS) - 0.4), title=title)
             better = {"low": "\u2190 better", "high": "better \u2192"}.get(about.better, "as the truth")
-            axes.set_xlabel(f"{about.unit}  {better}".strip(), fontsize=6)
+            unit = about.unit.replace("^2", "\u00b2").replace("^3", "\u00b3")
+            axes.set_xlabel(f"{unit}  {better}".strip(), fontsize=6)
             axes.margins(x=0.08)
             axes.tick_params(axis="y", length=0)
 
