@@ -176,6 +176,9 @@ def test_styles_of_one_recorded_clip_are_told_and_the_others_recognised(truth):
     found = report.report({"g": lone}, lone, None, QUICK)
     assert found["groups"]["g"]["values"]["recognised"]["clips"] == 6
     assert any("only one recorded clip shows the style 'rare'" in item["reason"] for item in found["left_out"])
+    lone += [truth[0]._replace(name=name, speech=name, style=name) for name in ("rarer", "rarest")]
+    told = [x["reason"] for x in report.report({"g": lone}, lone, None, QUICK)["left_out"] if x["group"] == "g"]
+    assert [reason for reason in told if "'rare' (likewise 2 others)" in reason] == told, "one sentence for all"
 
 
 def test_two_styles_for_one_speech_are_no_two_samples(truth):

@@ -100,7 +100,8 @@ def _notes(made: Mapping[str, Sequence[Made]], recorded: Mapping[str, Recorded])
         if alone := [clip.name for clip in clips if clip.truth is None]:
             yield f"{len(alone)} of the {len(clips)} clips of '{group}' go with no recorded clip (first: '{alone[0]}')."
         if lost := sorted(set(recorded) - {clip.truth.name for clip in clips if clip.truth}):
-            yield f"'{group}' has no clip for {len(lost)} of the {len(recorded)} recorded ones (first: '{lost[0]}')."
+            told = f"'{group}' has no clip for {len(lost)} of the {len(recorded)} recorded ones (first: '{lost[0]}'); "
+            yield f"{told}to compare like with like, give a truth of the same clips."
         if absent := sorted(styles - {str(clip.style) for clip in clips}):
             told = f"shows {len(styles) - len(absent)} of the truth's {len(styles)} styles; distances count that"
             yield f"'{group}' {told}."

@@ -56,10 +56,11 @@ def _recognition(
     usable = {style for style in shown if style and shown.count(style) > 1}
     known = [k for k, style in enumerate(shown) if style in usable]
     named = [k for k, sample in enumerate(row.samples) if sample.style in usable]
-    for style in sorted({str(s.style) for s in row.samples if s.style} - usable):
-        count = shown.count(style)
-        reason = f"only one recorded clip shows the style '{style}'" if count else f"no recorded clip shows '{style}'"
-        row.refuse("recognised", f"{reason}; give two or more of each style.")
+    unusable = sorted({str(s.style) for s in row.samples if s.style} - usable)
+    for reason, count in (("only one recorded clip shows the style", 1), ("no recorded clip shows", 0)):
+        if few := [style for style in unusable if shown.count(style) == count]:
+            others = f" (likewise {len(few) - 1} others)" if len(few) > 1 else ""
+            row.refuse("recognised", f"{reason} '{few[0]}'{others}; give two or more of each style.")
     if not named:
         return
     labels = [str(shown[k]) for k in known]
