@@ -41,7 +41,8 @@ NET = feature_net.FeatureNetConfig(steps=800)
 CONDITIONS = ("truth", "mismatched", "ours", "mean pose", "previous frame")
 PLOTTED = {
     "fgd": "Frechet gesture distance", "frechet_velocities": "Frechet, velocities",
-    "hellinger_speed": "Hellinger, speeds", "recognised": "style recognised", "canonical": "canonical correlation", "energy": "energy of speech",
+    "hellinger_speed": "Hellinger, speeds", "recognised": "style recognised",
+    "canonical": "canonical correlation", "energy": "energy of speech",
     "beat_consistency": "beat consistency", "stress": "stressed words", "ape": "position error", "jerk": "jerk",
     "l1": "extent (L1)", "skate": "foot skate",
 }  # fmt: skip
