@@ -112,9 +112,9 @@ def test_a_config_comes_back_from_json_and_fitting_it_again_changes_nothing(kind
 @pytest.mark.parametrize(
     ("kind", "says"),
     [
-        ("atn", r"'atn' is unknown; the nearest known are? 'attn'"),
-        ("part", "'parts'"),
-        ("mine", r"known are attn, gru, .*label.*ENCODERS\['mine'\] = Encoder"),
+        ("atn", "'atn' is unknown; nearest: attn"),
+        ("part", "nearest: parts"),
+        ("mine", r"nearest: attn, gru, .*label.*ENCODERS\['mine'\] = Encoder"),
     ],
 )
 def test_an_unknown_kind_is_one_sentence(kind, says):

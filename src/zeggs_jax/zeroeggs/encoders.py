@@ -30,11 +30,10 @@ def check(kind: str) -> None:
     """Raises a ValueError with the nearest names where no encoder of this kind is known."""
     if kind not in ENCODERS and kind != LABEL:
         known = [*ENCODERS, LABEL]
-        near = difflib.get_close_matches(kind, known, n=2, cutoff=0.5)
+        near = difflib.get_close_matches(kind, known, n=2, cutoff=0.5) or known
         raise ValueError(
-            f"the style kind '{kind}' is unknown; "
-            + (f"the nearest known are {' and '.join(map(repr, near))}" if near else f"known are {', '.join(known)}")
-            + f", and a kind of your own is added by ENCODERS['{kind}'] = Encoder(init, apply)."
+            f"the style kind '{kind}' is unknown; nearest: {', '.join(near)}; "
+            f"a kind of your own is added by ENCODERS['{kind}'] = Encoder(init, apply)."
         )
 
 
