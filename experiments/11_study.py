@@ -166,9 +166,15 @@ def left_out(found: dict[str, Any]) -> str:
 def _cell(value: dict[str, Any] | None) -> str:
     if value is None or value["value"] is None:
         return ""
-    if value["low"] is None:
-        return f"{value['value']:.3g}"
-    return f"{value['value']:.3g} ({value['low']:.3g} .. {value['high']:.3g})"
+    middle, low, high = (_number(value[name]) for name in ("value", "low", "high"))
+    return middle if not low else f"{middle} ({low} .. {high})"
+
+
+def _number(value: float | None) -> str:
+    """Three digits, without an exponent; what rounding leaves of nothing is 0."""
+    if value is None:
+        return ""
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{0.0 if abs(value) < 1e-6 else value:.3g}"
 
 
 def draw(path: Path, found: dict[str, Any]) -> None:
