@@ -139,6 +139,10 @@ def test_the_best_group_is_nearest_to_what_is_wanted():
     assert best["coverage_area"] == ["wild"]
     assert "multimodality" not in best
     assert report.best({"truth": truth, "calm": calm}) == {}
+    lively = {"jerk": {"value": 90.0, "recorded": 95.0}}
+    assert report.best({"truth": truth, "calm": calm, "lively": lively})["jerk"] == ["calm"], "2 away beats 5 away"
+    calm["jerk"]["recorded"] = 1.0
+    assert report.best({"truth": truth, "calm": calm, "lively": lively})["jerk"] == ["lively"], "its own clips count"
 
 
 def test_each_clip_is_told_and_pictures_hold_all_clips(truth, damage):

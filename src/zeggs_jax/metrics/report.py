@@ -47,6 +47,7 @@ def report(
         distances.distributions(row, truth, net, made)
         if made:
             distances.correlation(row, truth)
+            row.beside(rows[TRUTH])
     found = {
         "format": FORMAT,
         "settings": {
@@ -69,21 +70,27 @@ def report(
 def best(values: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> dict[str, list[str]]:
     """Of every measure that knows good from bad the made groups that are best, those of one value all.
 
-    Where a measure should be as the truth's, it is the nearest one; what has a chance beside it counts from there, or
-    trembling would win. Of a single group none is best. Where intervals overlap, other clips may choose another one.
+    Where a measure should be as the truth's, it is the one nearest to the recorded clips of the same speech ("recorded"),
+    or to the truth's row where it is not a mean over clips; what has a chance beside it counts from there, or trembling
+    would win. Of a single group none is best. Where intervals overlap, other clips may choose another one.
     """
 
     def above(row: Mapping[str, Mapping[str, Any]], name: str) -> float:
         return row[name]["value"] - row.get(f"{name}_chance", {"value": 0.0})["value"]
 
+    def wanted(row: Mapping[str, Mapping[str, Any]], name: str) -> float | None:
+        if "recorded" in row[name]:
+            return row[name]["recorded"] - row.get(f"{name}_chance", {}).get("recorded", 0.0)
+        return above(values[TRUTH], name) if name in values[TRUTH] else MEASURES[name].ideal
+
     found: dict[str, list[str]] = {}
     for name, measure in MEASURES.items():
         made = {g: above(row, name) for g, row in values.items() if g != TRUTH and name in row}
-        own = above(values[TRUTH], name) if name in values[TRUTH] else measure.ideal
-        if len(made) < 2 or measure.better == "beside" or (measure.better == "as the truth" and own is None):
+        own = {g: wanted(values[g], name) for g in made}
+        if len(made) < 2 or measure.better == "beside" or (measure.better == "as the truth" and None in own.values()):
             continue
-        away = {"low": lambda x: x, "high": lambda x: -x, "as the truth": lambda x, own=own: abs(x - own)}
-        cost = {group: away[measure.better](value) for group, value in made.items()}
+        away = {"low": lambda x, _: x, "high": lambda x, _: -x, "as the truth": lambda x, own: abs(x - own)}
+        cost = {group: away[measure.better](value, own[group]) for group, value in made.items()}
         least = min(cost.values())
         found[name] = [group for group, value in cost.items() if np.isclose(value, least, rtol=1e-9, atol=1e-9)]
     return found

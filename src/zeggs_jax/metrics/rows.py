@@ -82,6 +82,14 @@ class Row:
         else:
             self.add(measure, found._replace(low=np.maximum(found.low, 0.0)), len(strata))
 
+    def beside(self, truth: "Row") -> None:
+        """To every mean over clips, as "recorded", the truth's mean over the clips of the same speech, one for each."""
+        recorded = {clip["name"]: clip["values"] for clip in truth.each}
+        for measure, cell in self.values.items():
+            paired = [recorded.get(c["speech"], {}).get(measure) for c in self.each if measure in c["values"]]
+            if paired and None not in paired:
+                cell["recorded"] = float(np.mean(paired))
+
     def summary(self) -> dict[str, Any]:
         """The row as plain data."""
         seconds = sum(len(sample.motion.positions) / sample.motion.rate_hz for sample in self.samples)
