@@ -74,7 +74,7 @@ def agreement(shown: Mapping[str, Row], found: Mapping[str, Mapping[str, Row]]) 
         for voice in next(iter(found.values())):
             there = np.array([shown[name][gauge] for name in shown])
             here = np.array([found[name][voice][gauge] for name in shown])
-            rho = float(stats.spearmanr(there, here).statistic) if len(there) > 2 else float("nan")
+            rho = float(np.asarray(stats.spearmanr(there, here))[0]) if len(there) > 2 else float("nan")
             rows.append([gauge, voice, f"{rho:+.2f}", f"{np.abs(here - there).mean():.3g}"])
     return rows
 

@@ -27,7 +27,8 @@ from zeggs_jax.stage import plots, poses
 from zeggs_jax.stage.drawing import Layout
 from zeggs_jax.zeroeggs import style_space
 
-Row, Colour = dict[str, float], tuple[float, float, float]
+Row = dict[str, float]
+Colour = tuple[float, float, float]
 NAME = "08_interpolation"
 STEPS = 9
 CURVES = ("lean", "hand height")

@@ -102,7 +102,7 @@ def draw(
         table = figure.add_subplot(grid[1, 8:])
         table.set_title("(e) rank correlations", pad=14)
         names = list(found[0])
-        values = [[rho[name] for rho in found] for name in names]
+        values = np.array([[rho[name] for rho in found] for name in names])
         change = np.array([[abs(rows[-1][name] - rows[0][name]) for rows in tables] for name in names])
         fade = np.sqrt(change / (change.max(axis=1, keepdims=True) + 1e-12))
         plots.heat(table, values, [n.removeprefix("factor: ").replace("_", " ") for n in names],

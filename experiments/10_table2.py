@@ -123,7 +123,7 @@ def calls(model: Model, frames: int) -> tuple[dict[str, Call], dict[str, Call]]:
     features = (mean + std * draw.normal(size=(frames, len(mean)))).astype(np.float32)
     mean, std = (np.asarray(x) for x in model.scales.pose_out)
     example = (mean + std * draw.normal(size=(EXAMPLE, len(mean)))).astype(np.float32)
-    root = Root(np.zeros(3, np.float32), np.array([1, 0, 0, 0], np.float32))
+    root = Root(jnp.zeros(3), jnp.array([1.0, 0.0, 0.0, 0.0]))
     first, gaze = pose.from_vector(jnp.asarray(example[0]), root), np.array([0, 100, 500], np.float32)
     speech = np.asarray(encode_speech(model.params, config, model.scales, jnp.asarray(features)))
     style = np.asarray(encode_style(model.params, config, model.scales, jnp.asarray(example)).mean)
@@ -145,8 +145,8 @@ def _vectors(poses: Pose) -> jax.Array:
 
 def twin_calls(model: Model, features, example, speech, style, gaze) -> dict[str, Call]:
     """The same of PyTorch."""
-    own = {name: tuple(torch.tensor(np.asarray(x, np.float32)) for x in scale)
-           for name, scale in model.scales._asdict().items()}  # fmt: skip
+    single = lambda x: torch.tensor(np.asarray(x, np.float32))  # noqa: E731
+    own = {name: (single(scale.mean), single(scale.std)) for name, scale in model.scales._asdict().items()}
     twin = twins.Twin(twins.flat(model.params), model.config, own, model.skeleton.parents)
     heard, seen, spoken = (torch.tensor(x)[None] for x in (features, example, speech))
     held = torch.tensor(style)[None]

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from scipy import stats
@@ -84,8 +85,8 @@ def first_pose(library: Library) -> Motion:
 
 def play(instrument: Instrument, z: ArrayLike, speech: str | None = None, start: Motion | None = None) -> Clip:
     """The body that an embedding [Z], or one for each frame [T, Z], makes of a speech (the first one when left out)."""
-    spectrum = instrument.speeches[speech or next(iter(instrument.speeches))]
-    style = np.asarray(z)
+    spectrum = jnp.asarray(instrument.speeches[speech or next(iter(instrument.speeches))])
+    style = jnp.asarray(z)
     held = style_space.hold(style, len(spectrum)) if style.ndim == 1 else style
     poses = g.synthesize(instrument.model, spectrum, held, start or instrument.start)
     return features.decode(poses, instrument.model.skeleton, instrument.model.config.frame_time)
@@ -124,7 +125,7 @@ def rank_correlations(steps: Sequence[float], rows: Sequence[Mapping[str, float]
     found = {}
     for name in rows[0]:
         values = [row[name] for row in rows]
-        found[name] = float(stats.spearmanr(steps, values).statistic) if np.ptp(values) > 0.0 else 0.0
+        found[name] = float(np.asarray(stats.spearmanr(steps, values))[0]) if np.ptp(values) > 0.0 else 0.0
     return found
 
 

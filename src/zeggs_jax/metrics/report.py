@@ -70,9 +70,10 @@ def report(
 def best(values: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> dict[str, list[str]]:
     """Of every measure that knows good from bad the made groups that are best, those of one value all.
 
-    Where a measure should be as the truth's, that is the nearest to the recorded clips of the same speech ("recorded"), or
-    to the truth's row where it is not a mean over clips; what has a chance beside it counts from there, or trembling would
-    win. Of a single group none is best. Where intervals overlap, other clips may choose another one.
+    Where a measure should be as the truth's, that is the nearest to the recorded clips of the same speech
+    ("recorded"), or to the truth's row where it is not a mean over clips; what has a chance beside it counts from
+    there, or trembling would win. Of a single group none is best. Where intervals overlap, other clips may choose
+    another one.
     """
 
     def above(row: Mapping[str, Mapping[str, Any]], name: str) -> float:
