@@ -20,11 +20,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import torch
 from tqdm import tqdm
 
 import ledger
-import torch_twin as twins
 from zeggs_jax.data.scale import Scale, Scales
 from zeggs_jax.motion import pose
 from zeggs_jax.motion.pose import Pose, Root
@@ -50,6 +48,10 @@ def main() -> None:
     ledger.add_docs(parser)
     parser.add_argument("-o", "--out", type=Path, required=True)
     args = parser.parse_args()
+    try:
+        import torch
+    except ImportError:
+        parser.error("it compares with PyTorch, which is not installed; install it with pip install '.[reference]'")
     args.out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
     models = {"paper size": paper_size, "bundled": g.bundled_model}
@@ -145,6 +147,10 @@ def _vectors(poses: Pose) -> jax.Array:
 
 def twin_calls(model: Model, features, example, speech, style, gaze) -> dict[str, Call]:
     """The same of PyTorch."""
+    import torch
+
+    import torch_twin as twins
+
     single = lambda x: torch.tensor(np.asarray(x, np.float32))  # noqa: E731
     own = {name: (single(scale.mean), single(scale.std)) for name, scale in model.scales._asdict().items()}
     twin = twins.Twin(twins.flat(model.params), model.config, own, model.skeleton.parents)
