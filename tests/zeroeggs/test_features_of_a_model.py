@@ -13,10 +13,10 @@ from zeggs_jax.data.prepared import Prepared
 from zeggs_jax.motion import bvh
 from zeggs_jax.motion.skeleton import Skeleton
 from zeggs_jax.speech import features, wav
+from zeggs_jax.training.plain import from_dict, to_dict
 from zeggs_jax.zeroeggs import generate
 from zeggs_jax.zeroeggs import model as m
 from zeggs_jax.zeroeggs.checkpoints import digest, load_model, save_model
-from zeggs_jax.zeroeggs.config import from_dict, to_dict
 from zeggs_jax.zeroeggs.settings import TrainConfig
 from zeggs_jax.zeroeggs.train import fit_config
 

@@ -15,13 +15,13 @@ import pytest
 from zeggs_jax.data.prepared import load
 from zeggs_jax.data.windows import Batch, WindowConfig, batch
 from zeggs_jax.training import checkpoint, keep
+from zeggs_jax.training.plain import to_dict
 from zeggs_jax.training.record import TIMING, read_log
 from zeggs_jax.training.step import make_step
 from zeggs_jax.zeroeggs import model as m
 from zeggs_jax.zeroeggs import objective, run_folder
 from zeggs_jax.zeroeggs import train as t
 from zeggs_jax.zeroeggs.checkpoints import load_model, save_model
-from zeggs_jax.zeroeggs.config import to_dict
 
 TINY = t.TrainConfig(
     model=m.ZeroEggsConfig(

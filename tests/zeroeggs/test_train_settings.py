@@ -6,9 +6,9 @@ import os
 import pytest
 
 from zeggs_jax.data import prepare as preparation
+from zeggs_jax.training.plain import from_dict
 from zeggs_jax.zeroeggs import model as m
 from zeggs_jax.zeroeggs import train as t
-from zeggs_jax.zeroeggs.config import from_dict
 
 
 @pytest.mark.parametrize(

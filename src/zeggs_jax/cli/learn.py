@@ -98,13 +98,12 @@ def train(
     import json
 
     from ..zeroeggs import train as t
-    from ..zeroeggs.config import to_dict
 
     settings = t.read_config(config) if config else t.TrainConfig()
     if steps is not None:
         settings = replace(settings, steps=steps)
     if print_config:
-        print(json.dumps(to_dict(settings), indent=1))
+        print(json.dumps(t.to_dict(settings), indent=1))
         return
     if corpus is None or out is None:
         raise ValueError("train needs a corpus and --out; see 'zeggs train --help'.")

@@ -12,7 +12,8 @@ from ..data.prepared import skeleton_from_json, skeleton_to_json
 from ..data.scale import Scale, Scales
 from ..motion.skeleton import Skeleton
 from ..training import checkpoint, keep
-from .config import ZeroEggsConfig, from_dict, to_dict
+from ..training.plain import from_dict, to_dict
+from .config import ZeroEggsConfig
 from .model import Model, Params, check_params
 
 

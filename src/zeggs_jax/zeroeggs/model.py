@@ -20,8 +20,9 @@ from ..data.scale import Scales
 from ..motion.pose import Pose
 from ..motion.skeleton import Skeleton
 from ..nn.compute import PLAIN, Compute, operands
+from ..training.plain import from_dict, to_dict
 from . import encoders
-from .config import ZeroEggsConfig, from_dict, to_dict
+from .config import ZeroEggsConfig
 from .decoder import GAZE, Decoder, DecoderConfig, Frame, rollout
 from .encoders import ENCODERS, Encoder
 from .speech_encoder import SpeechEncoder, SpeechEncoderConfig

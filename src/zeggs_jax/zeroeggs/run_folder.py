@@ -7,7 +7,7 @@ from typing import Any
 from ..data import prepare as preparation
 from ..data.prepared import MANIFEST
 from ..training import checkpoint, devices
-from .config import to_dict
+from ..training.plain import to_dict
 from .settings import TrainConfig
 
 FREE = {

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Literal
 
 from ..data.windows import WindowConfig
-from .config import ZeroEggsConfig, from_dict
+from ..training.plain import from_dict
+from .config import ZeroEggsConfig
 
 LOWEST = {
     "steps": 1, "accumulate": 1, "log_every": 1, "checkpoint_every": 1, "keep": 1, "keep_every": 0,

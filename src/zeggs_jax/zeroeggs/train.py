@@ -24,9 +24,10 @@ from ..data.scale import Scales
 from ..speech.features import SpeechFeatureConfig
 from ..training import checkpoint, devices, keep, loop
 from ..training.optimiser import radam, stepped_rate
+from ..training.plain import from_dict
+from ..training.plain import to_dict as to_dict  # what `zeggs train --print-config` writes
 from ..training.step import TrainState, begin, make_step
 from .checkpoints import describe
-from .config import from_dict, to_dict
 from .encoders import ENCODERS
 from .model import Model, Params, check_params, init
 from .objective import Setting, loss_fn
