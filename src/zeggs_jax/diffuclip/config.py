@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
+from ..data.body import AS_IS, BodyConfig
+
 Parts = tuple[str, ...]
 
 
@@ -92,6 +94,10 @@ class DiffusionConfig:
     schedule: Literal["cosine", "linear"] = "cosine"
     per_token: bool = True  # a noise level for each latent and clean prefixes; False: one level for the whole window
     dropped: float = 0.1  # share of prompts dropped for guidance
+    captioned: float = 0.0  # share of prompts that are a caption instead of a motion; the paper trains without labels
+    independent: float = 0.2  # share of windows, with `per_token`, whose latents have levels of their own
+    context: int = 40  # most clean latents before the noisy ones, in training and in autoregressive use
+    chunk: int = 8  # latents made at once in autoregressive use; 1 is Eq. 9 to the letter
     semantic: float = 0.1  # weight of Eq. 15
     style: float = 0.07  # weight of Eq. 16
     return_step: int = 500  # where the short denoising of the perceptual losses starts
@@ -120,11 +126,12 @@ class DiffuclipConfig:
     """All of GestureDiffuCLIP at the paper's sizes.
 
     `parts` names the parts of the body with codes and latents of their own (Sec. 6.3); () is one for the whole body.
-    `frame_time` is what the motion is resampled to; `joints` follows from the corpus.
+    `frame_time` is what the motion is resampled to; `joints` and `body`, how files are read, follow from the corpus.
     """
 
     frame_time: float = 1 / 60
     joints: int = 75
+    body: BodyConfig = AS_IS
     parts: Parts = ()
     codes: CodesConfig = field(default_factory=CodesConfig)
     joint: JointConfig = field(default_factory=JointConfig)
@@ -176,7 +183,7 @@ SMALL = DiffuclipConfig(
         video_heads=4,
     ),
     denoiser=DenoiserConfig(160, 5, 4),
-    diffusion=DiffusionConfig(short_steps=0),
+    diffusion=DiffusionConfig(short_steps=0, captioned=0.25),
     learn_codes=StageConfig(4000, 32, 5e-4, 200, seconds=4.0, ema=0.99),
     learn_gestures=StageConfig(1000, 32, 5e-4, 100, seconds=8.0),
     learn_joint=StageConfig(2000, 64, 5e-4, 100, seconds=8.0),
