@@ -100,6 +100,7 @@ class DiffusionConfig:
     chunk: int = 8  # latents made at once in autoregressive use; 1 is Eq. 9 to the letter
     semantic: float = 0.1  # weight of Eq. 15
     style: float = 0.07  # weight of Eq. 16
+    perceptual: float = 1.0  # share of a batch that the last two are computed for
     return_step: int = 500  # where the short denoising of the perceptual losses starts
     short_steps: int = 6  # DDIM steps of it; 0: the one-step estimate of z_0, weighted by alpha_bar
     seam: float = 0.01  # w_body of Eq. 19
@@ -183,7 +184,7 @@ SMALL = DiffuclipConfig(
         video_heads=4,
     ),
     denoiser=DenoiserConfig(160, 5, 4),
-    diffusion=DiffusionConfig(short_steps=0, captioned=0.25),
+    diffusion=DiffusionConfig(short_steps=0, captioned=0.25, perceptual=0.25),
     learn_codes=StageConfig(4000, 32, 5e-4, 200, seconds=4.0, ema=0.99),
     learn_gestures=StageConfig(1000, 32, 5e-4, 100, seconds=8.0),
     learn_joint=StageConfig(2000, 64, 5e-4, 100, seconds=8.0),

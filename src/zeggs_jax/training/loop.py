@@ -33,6 +33,7 @@ class Plan(NamedTuple):
     validate_every: int = 0
     sample_every: int = 0
     explode: float | None = None  # stop at a loss this many times the usual one
+    title: str = "training"  # of the progress bar
 
 
 class Task(NamedTuple):
@@ -57,7 +58,7 @@ def fit(state: TrainState, task: Task, run: Path, plan: Plan, progress: bool = T
     with (
         Records(run, start, devices.first()) as records,
         Feed(task.batches, start, plan.steps) as feed,
-        _bar(start, plan.steps, progress and devices.first()) as bar,
+        _bar(start, plan, progress and devices.first()) as bar,
         _stop_requested() as stop,
     ):
         clock = _Clock(feed)
@@ -149,10 +150,10 @@ def _update(step: Step, state: TrainState, batch: Any, k: int) -> tuple[TrainSta
         ) from error
 
 
-def _bar(start: int, steps: int, progress: bool) -> tqdm:
+def _bar(start: int, plan: Plan, progress: bool) -> tqdm:
     """The progress bar: on a terminal at once, in a file one line in 30 s."""
     pause = 0.1 if sys.stderr.isatty() else 30.0
-    return tqdm(total=steps, initial=start, disable=not progress, desc="training", unit="step", mininterval=pause)
+    return tqdm(total=plan.steps, initial=start, disable=not progress, desc=plan.title, unit="step", mininterval=pause)
 
 
 @contextmanager

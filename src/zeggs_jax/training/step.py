@@ -13,7 +13,7 @@ import optax
 from jaxtyping import Array, Float, Int
 
 Metrics = dict[str, Float[Array, ""]]
-LossFn = Callable[[Any, Any, Array, Array], tuple[Array, Metrics]]
+LossFn = Callable[..., tuple[Array, Metrics]]
 """(params, batch, a key for each clip, step) -> mean over the clips of the loss and of its terms."""
 Step = Callable[["TrainState", Any], tuple["TrainState", Metrics]]
 
@@ -44,20 +44,24 @@ def make_step(
     seed: int,
     accumulate: int = 1,
     ema: float | None = None,
+    frozen: Any = None,
 ) -> Step:
     """One update, jitted; the state that it is given is consumed (donated).
+
+    Where `frozen` (a pytree of arrays, such as the parameters of networks that are not trained) is given, `loss_fn` is
+    handed it as a last argument: an argument of the compiled update, not a constant in it.
 
     `accumulate` works through the batch in so many equal parts, one after the other: the keys of the clips and the
     mean are the same, so the update is the same up to rounding, with the memory of one part. `ema` is the decay of the
     average, which is (1 + k) / (10 + k) in update k while that is lower: the start counts little.
     """
 
-    def step(state: TrainState, batch: Any) -> tuple[TrainState, Metrics]:
+    def step(state: TrainState, batch: Any, *fixed: Any) -> tuple[TrainState, Metrics]:
         clips = len(jax.tree.leaves(batch)[0])
         keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), state.step), clips)
         gradient = jax.value_and_grad(loss_fn, has_aux=True)
         (loss, terms), grads = mean_over_parts(
-            lambda part: gradient(state.params, *part, state.step), (batch, keys), accumulate
+            lambda part: gradient(state.params, *part, state.step, *fixed), (batch, keys), accumulate
         )
         updates, opt_state = optimiser.update(grads, state.opt_state, state.params)
         params = optax.apply_updates(state.params, updates)
@@ -68,7 +72,8 @@ def make_step(
         metrics = {"loss": loss, **terms, "gradient": optax.tree.norm(grads)}
         return TrainState(state.step + 1, params, opt_state, average), metrics
 
-    return jax.jit(step, donate_argnums=0)
+    jitted = jax.jit(step, donate_argnums=0)
+    return jitted if frozen is None else lambda state, batch: jitted(state, batch, frozen)
 
 
 def mean_over_parts(work: Callable[[Any], Any], rows: Any, parts: int) -> Any:

@@ -83,7 +83,7 @@ def train(
         _validation(arrays, setting, observers, progress),
         Sampler(arrays, setting, observers.show),
     )
-    plan = loop.Plan(**{name: getattr(config, name) for name in loop.Plan._fields})
+    plan = loop.Plan(**{name: getattr(config, name) for name in loop.Plan._fields if name != "title"})
     return loop.fit(state, task, out, plan, progress)
 
 

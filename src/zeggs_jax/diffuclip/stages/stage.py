@@ -43,6 +43,7 @@ class Material(NamedTuple):
     motion_scale: Scale  # mean and std of the columns of a motion frame
     skeleton: Skeleton
     encoded: Sequence[Encoded] = ()
+    latent_scale: Scale | None = None
 
 
 class Stage(NamedTuple):
