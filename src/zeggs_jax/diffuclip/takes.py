@@ -43,9 +43,9 @@ class _Job(NamedTuple):
 def gather(
     folder: str | Path, out: str | Path, config: DiffuclipConfig, processes: int | None = None
 ) -> tuple[list[Take], Skeleton, BodyConfig]:
-    """The takes of a corpus (see data/corpus.py), their skeleton and how their bodies were read; made in `processes` and kept in OUT/takes.
+    """The takes of a corpus (see data/corpus.py), their skeleton and how their bodies were read.
 
-    After a stop the same call goes on where it was. A take without a transcript has no words; without "captions" in
+    They are made in so many `processes` and kept in OUT/takes. After a stop the same call goes on where it was. A take without a transcript has no words; without "captions" in
     its transcript's JSON, its caption is made of its style's name.
 
     Raises:

@@ -44,6 +44,7 @@ class Frozen(NamedTuple):
 def stage(config: DiffuclipConfig, material: Material, params: dict[str, Params]) -> Stage:
     """The stage; `params` holds codes, joint and prompts, `material` the encoded takes."""
     settings, steps = config.learn_denoiser, optimiser(config.learn_denoiser)
+    assert material.latent_scale is not None
     frozen = Frozen({name: params[name] for name in ("codes", "joint", "prompts")}, material.latent_scale)
     table = _prompts(config, material, frozen.params)
     step = make_step(partial(loss_fn, config), steps, config.seed, ema=settings.ema, frozen=frozen)
