@@ -87,6 +87,21 @@ def with_quaternions(clip: Clip, rotations: Float[np.ndarray, "T J 4"], position
     return clip._replace(euler=euler, positions=np.asarray(positions, np.float64))
 
 
+def local_axes(clip: Clip) -> Float[np.ndarray, "T J 2 3"]:
+    """Joint rotations relative to the parent as their turned x and y axes, float64."""
+    return in_float64(rotation.quaternion_to_axes, local_quaternions(clip))
+
+
+def from_axes(
+    axes: Float[np.ndarray, "T J 2 3"], place: Float[np.ndarray, "T 3"], skeleton: Skeleton, frame_time: float
+) -> Clip:
+    """A clip with zyx Euler angles from axes, made orthonormal, and joint 0's place (cm, world); bones as they are."""
+    euler = in_float64(_axes_eulers, axes)
+    positions = np.tile(np.asarray(skeleton.offsets, np.float64), (len(axes), 1, 1))
+    positions[:, 0] = place
+    return Clip(skeleton, ("zyx",) * len(skeleton), euler, positions, frame_time)
+
+
 def world_positions(clip: Clip) -> Float[np.ndarray, "T J 3"]:
     """Positions of all joints in world, cm."""
     run = partial(_world_positions, orders=clip.orders, parents=clip.skeleton.parents)
@@ -116,6 +131,11 @@ def in_float64(function: Callable[..., Any], *arguments: Any) -> Any:
 @partial(jax.jit, static_argnames="orders")
 def _local_quaternions(euler: Float[Array, "T J 3"], orders: tuple[str, ...]) -> Float[Array, "T J 4"]:
     return quaternion.unroll(_by_order(quaternion.from_euler, euler, orders))
+
+
+@jax.jit
+def _axes_eulers(axes: Float[Array, "T J 2 3"]) -> Float[Array, "T J 3"]:
+    return quaternion.to_euler(rotation.axes_to_quaternion(axes), "zyx")
 
 
 @partial(jax.jit, static_argnames="orders")

@@ -77,6 +77,29 @@ def forward_positions(
     return chain(World(local_pos, quaternion.to_matrix(local_rot), still, still), parents).pos
 
 
+def axes_positions(
+    place: Float[ArrayLike, "T 3"],
+    axes: Float[ArrayLike, "T J 2 3"],
+    offsets: Float[ArrayLike, "J 3"],
+    parents: tuple[int, ...],
+) -> Float[Array, "T J 3"]:
+    """World positions (cm) of T frames from joint 0's place and local rotations as two axes, made orthonormal.
+
+    Offsets stay what they are in every frame; that of joint 0 is not used. No velocities: a third of `chain`'s work.
+    """
+    matrices = jnp.transpose(rotation.axes_to_matrix(axes), (2, 3, 1, 0))  # component, axis, joint, frame
+    arms, depth_levels = jnp.asarray(offsets), levels(parents)
+    places, turns = [jnp.asarray(place).T[:, None]], matrices[:, :, :1]
+    for above, level in itertools.pairwise(depth_levels):
+        own, parent = np.asarray(level), np.asarray([above.index(parents[joint]) for joint in level])
+        turn = turns[:, :, parent]  # world axes of the parents
+        arm = arms[own].T[:, :, None]
+        places.append(places[-1][:, parent] + sum(turn[:, k] * arm[k][None] for k in range(3)))
+        turns = sum(turn[:, k, None] * matrices[None, k][:, :, own] for k in range(3))
+    order = np.argsort(np.concatenate([np.asarray(level) for level in depth_levels]))
+    return jnp.transpose(jnp.concatenate(places, axis=1)[:, order], (2, 1, 0))
+
+
 def _chain(joints: Float[Array, "3 6 n *T"], parents: tuple[int, ...]) -> Float[Array, "3 6 n *T"]:
     """Every joint carried by its parent, from the first one outwards."""
     depth_levels = levels(parents)
