@@ -17,7 +17,7 @@ from . import denoiser, joint_embedding, prompts, tokens, vqvae
 from .config import DiffuclipConfig
 from .denoiser import Conditions
 from .stages.stage import Encoded, Take
-from .tokens import Tokens
+from .tokens import Reader, Tokens
 
 Params = Any
 PADDING = 256  # frames; clips are encoded at few lengths
@@ -105,12 +105,13 @@ def decode(
     return vqvae.decode(params, config, quantised)
 
 
-def words_near(words: Sequence[Word], config: DiffuclipConfig, start: int, latents: int) -> Tokens:
+def words_near(
+    words: Sequence[Word], config: DiffuclipConfig, start: int, latents: int, reader: Reader | None = None
+) -> Tokens:
     """The words of a window of latents, a second around it; `times` in s from the window's first latent."""
     hz = config.latents_hz
     near = tokens.between(words, start / hz - MARGIN_S, (start + latents) / hz + MARGIN_S)
-    near = [word._replace(start=word.start - start / hz, end=word.end - start / hz) for word in near]
-    return tokens.tokenize(near, config.joint)
+    return tokens.tokenize(near, config.joint, reader, start / hz)
 
 
 def conditions(

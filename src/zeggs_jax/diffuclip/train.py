@@ -44,7 +44,7 @@ READS = {
     "denoiser": ("denoiser", "diffusion"),
 }
 """The settings that a stage depends on, beside its own and those of the stages before it."""
-FREE = ("steps", "log_every", "checkpoint_every")
+FREE = ("log_every", "checkpoint_every")
 
 
 def read_config(path: str | Path) -> DiffuclipConfig:
