@@ -82,7 +82,8 @@ class DenoiserConfig:
     ahead: int = 8  # delta_a: future latents of audio that a latent sees (1.07 s)
     style: Literal["adain", "concatenated"] = "adain"  # the second is the ablation of Table 2
     transcript: bool = True  # without: the ablation of Table 2
-    word_times: bool = True  # words carry the sinusoidal position of the latent that they are spoken at
+    word_times: bool = True  # attention to words depends on how long ago or ahead they are spoken
+    output: Literal["noise", "velocity"] = "noise"  # what the last layer gives; the noise follows from the velocity
     dropout: float = 0.1
 
 
@@ -183,7 +184,7 @@ SMALL = DiffuclipConfig(
         "words", 64, 128, 3, 4, frames=180, image="small", pixels=48, video_frames=8, video_width=64, video_layers=2,
         video_heads=4,
     ),
-    denoiser=DenoiserConfig(160, 5, 4),
+    denoiser=DenoiserConfig(160, 5, 4, output="velocity"),
     diffusion=DiffusionConfig(short_steps=0, captioned=0.25, perceptual=0.25),
     learn_codes=StageConfig(4000, 32, 5e-4, 200, seconds=4.0, ema=0.99),
     learn_gestures=StageConfig(1000, 32, 5e-4, 100, seconds=8.0),
