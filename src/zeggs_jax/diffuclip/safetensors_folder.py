@@ -135,3 +135,23 @@ def load(folder: str | Path, like: Any, name_of: NameOf) -> Any:
         return read(known[name])
 
     return jax.tree_util.tree_map_with_path(leaf, like)
+
+
+def tokenizer(folder: str | Path) -> Any:
+    """The folder's tokenizer.json as a `tokenizers.Tokenizer` without padding or cutting.
+
+    Raises:
+        ValueError: the package is not installed, the file is not there or does not read.
+    """
+    try:
+        from tokenizers import Tokenizer
+    except ImportError as error:
+        raise ValueError("tokenizer.json needs the package 'tokenizers': pip install 'zeggs-jax[prompts]'.") from error
+    path = Path(folder) / "tokenizer.json"
+    try:
+        found = Tokenizer.from_str(path.read_text("utf-8"))
+    except Exception as error:  # the package raises nothing narrower
+        raise ValueError(f"'{path}' is missing or no tokenizer ({error}); save the fast tokenizer there.") from error
+    found.no_padding()
+    found.no_truncation()
+    return found
