@@ -12,11 +12,12 @@ import numpy as np
 
 from zeggs_jax.motion import bvh
 from zeggs_jax.speech import wav
-from zeggs_jax.synthetic import gestures, prosody, recording, styles, voice
+from zeggs_jax.synthetic import captions, gestures, lexicon, prosody, recording, styles, voice
 from zeggs_jax.synthetic.recording import Recording
 from zeggs_jax.synthetic.styles import HELD_OUT, TRAINING, StyleFactors
 
 HELD_OUT_FOLDER = "held_out"
+LOWER = ("neutral", "happy", "old", "tired", "still", "scared", "sneaky")  # styles that legs and hips tell apart
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,15 @@ class CorpusConfig:
     random_share: float = 0.3  # of the clips show random points of the factor space
     valid_share: float = 0.08
     held_out: tuple[str, ...] = HELD_OUT  # one clip each for every 24 clips, at least one
+    meaning: bool = False  # sentences of `lexicon`, their meanings performed; captions; legs of other styles
+    mixed_share: float = 0.2  # of such clips have legs of another style than the rest
+
+
+class Lower(NamedTuple):
+    """The style of hips and legs, where it is another one than the rest of the body's."""
+
+    style: str
+    factors: StyleFactors
 
 
 class Take(NamedTuple):
@@ -42,6 +52,9 @@ class Take(NamedTuple):
     split: str
     seconds: float
     seed: int
+    meaning: bool = False  # says and performs words of `lexicon`
+    synonyms: bool = False  # says them by held-out words
+    lower: Lower | None = None
 
 
 def plan(config: CorpusConfig) -> list[Take]:
@@ -61,7 +74,8 @@ def plan(config: CorpusConfig) -> list[Take]:
     def add(folder: str, style: str, factors: StyleFactors, split: str) -> None:
         seconds = round(float(draw.uniform(*config.seconds)), 1)
         seed = config.seed * 100_003 + len(takes)
-        takes.append(Take(f"{folder}{style}_{len(takes):04d}", style, factors, split, seconds, seed))
+        take = Take(f"{folder}{style}_{len(takes):04d}", style, factors, split, seconds, seed)
+        takes.append(_with_meaning(take, config, len(takes)) if config.meaning else take)
 
     named = valid = 0
     for k in range(config.clips):
@@ -79,16 +93,43 @@ def plan(config: CorpusConfig) -> list[Take]:
     return takes
 
 
+def _with_meaning(take: Take, config: CorpusConfig, number: int) -> Take:
+    """The take with words that matter: synonyms in a third of the valid ones, other legs in some."""
+    draw = np.random.default_rng([config.seed, number, 73])
+    take = take._replace(meaning=True, synonyms=take.split == "valid" and draw.random() < 1.0 / 3.0)
+    if draw.random() >= config.mixed_share:
+        return take
+    name = str(draw.choice([other for other in LOWER if other != take.style]))
+    folder, _, last = take.name.rpartition("/")
+    style = f"{take.style}_on_{name}"
+    path = f"{folder}/" if folder else ""
+    renamed = f"{path}{style}_{last.rpartition('_')[2]}"
+    return take._replace(name=renamed, style=style, lower=Lower(name, styles.find(name)))
+
+
+def speak(take: Take) -> Recording:
+    """The take's text said by our own voice."""
+    words = int(recording.WORDS_PER_SECOND * take.seconds)
+    text = lexicon.monologue(take.seed, words, take.synonyms) if take.meaning else None
+    return recording.speak(take.seconds, take.seed, text)
+
+
 def perform(take: Take, speech: Recording, rate_hz: int = 30) -> tuple[Recording, prosody.Prosody, bvh.Clip]:
     """The take performed: its speech at full length, what the body heard, and what it did."""
     spoken, frames = recording.fit(speech, take.seconds, rate_hz, take.seed)
     heard = prosody.known(spoken.words, spoken.wave) if spoken.words else prosody.measure(spoken.wave)
-    clip = gestures.perform(heard, take.factors, frames, rate_hz, take.seed)
+    lower = take.lower.factors if take.lower else None
+    clip = gestures.perform(heard, take.factors, frames, rate_hz, take.seed, lower, performed(take, spoken))
     return spoken._replace(wave=recording.room(spoken.wave, take.seed)), heard, clip
 
 
+def performed(take: Take, spoken: Recording) -> list[lexicon.Meant]:
+    """The words of the speech that get a gesture of their own."""
+    return lexicon.meant(spoken.words) if take.meaning else []
+
+
 def write_take(folder: str | Path, take: Take, speech: Recording, rate_hz: int = 30) -> None:
-    """Perform one take and write name.wav, name.bvh and name.json below `folder`."""
+    """Perform one take and write name.wav, name.bvh and name.json below `folder`, the JSON last."""
     spoken, heard, clip = perform(take, speech, rate_hz)
     stem = Path(folder) / take.name
     stem.parent.mkdir(parents=True, exist_ok=True)
@@ -104,8 +145,35 @@ def write_take(folder: str | Path, take: Take, speech: Recording, rate_hz: int =
             {"time": t, "strength": s} for t, s in zip(heard.time.tolist(), heard.strength.tolist(), strict=True)
         ],
         "phrases": heard.phrases.tolist(),
+        **(told(take, spoken) if take.meaning else {}),
     }
     _write_text(Path(f"{stem}.json"), json.dumps(_rounded(notes), indent=1) + "\n")
+
+
+def told(take: Take, spoken: Recording) -> dict[str, object]:
+    """What a clip with meanings tells besides: its captions, its meanings, the style of its lower half."""
+    below = take.lower.factors if take.lower else take.factors
+
+    def say(seed: int, **unseen: bool) -> str:
+        seed += 1000 * take.seed
+        if take.lower:
+            return captions.mixed(take.factors, below, seed, **unseen)
+        return captions.captions(take.factors, seed, **unseen)
+
+    meanings: list[object] = [one._asdict() for one in performed(take, spoken)]
+    upper, lower = (
+        [captions.half(f, side, take.seed + k) for k in range(3)]
+        for f, side in zip((take.factors, below), captions.HALVES, strict=True)
+    )
+    return {
+        "captions": [say(k) for k in range(8)],
+        "held_out_captions": [say(k, held_out=True) for k in range(100, 104)],
+        "synonym_captions": [say(k, synonym=True) for k in range(200, 204)],
+        "upper_captions": upper,
+        "lower_captions": lower,
+        "meanings": meanings,
+        "lower": {"style": take.lower.style if take.lower else take.style, "factors": below._asdict()},
+    }
 
 
 def write_index(folder: str | Path, takes: Sequence[Take]) -> None:
@@ -124,7 +192,7 @@ def write(folder: str | Path, config: CorpusConfig | None = None) -> list[Take]:
     config = CorpusConfig() if config is None else config
     takes = plan(config)
     for take in takes:
-        write_take(folder, take, recording.speak(take.seconds, take.seed), config.rate_hz)
+        write_take(folder, take, speak(take), config.rate_hz)
     write_index(folder, takes)
     return takes
 

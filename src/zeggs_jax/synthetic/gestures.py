@@ -1,10 +1,14 @@
 """Style factors and prosody to a 75-joint clip: hands, head, trunk, breath, weight, on planted feet."""
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Float
 
 from zeggs_jax.motion import bvh
-from zeggs_jax.synthetic import rig, strokes
+from zeggs_jax.synthetic import meanings, rig, strokes
+from zeggs_jax.synthetic.lexicon import Meant
 from zeggs_jax.synthetic.prosody import Prosody
 from zeggs_jax.synthetic.styles import StyleFactors
 
@@ -65,42 +69,79 @@ def _wrists(hands: Float[np.ndarray, "T 2 5"], rate_hz: float | int) -> Float[np
     return 0.35 * np.tanh(0.008 * trail) - 0.08
 
 
-def perform(prosody: Prosody, style: StyleFactors, frames: int, rate_hz: float | int = 30, seed: int = 0) -> bvh.Clip:
+def _breath(time: Float[np.ndarray, " T"], style: StyleFactors, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """(swing of the hips, breath), -1..1; the seed says where they begin."""
+    sway_phase, breath_phase = np.random.default_rng([seed, 11]).uniform(0.0, 2.0 * np.pi, 2)
+    swing = np.sin(2.0 * np.pi * time * 0.28 * np.sqrt(style.tempo) + sway_phase)
+    return swing, np.sin(2.0 * np.pi * time * 0.25 * np.sqrt(style.tempo) + breath_phase)
+
+
+class _Stand(NamedTuple):
+    """How the body stands and weighs, by the style of one of its halves."""
+
+    bow: Float[np.ndarray, " T"]  # rad, trunk forward
+    aside: Float[np.ndarray, " T"]  # cm, hips to the left
+    low: Float[np.ndarray, " T"]  # cm, hips above straight legs
+    turn: Float[np.ndarray, " T"]  # rad, trunk to the left
+    breath: Float[np.ndarray, " T"]
+
+
+def _stand(time: Float[np.ndarray, " T"], prosody: Prosody, style: StyleFactors, seed: int) -> _Stand:
+    swing, breath = _breath(time, style, seed)
+    beat, talk = _pulses(time, prosody, 0.16, 0.28), _speaking(time, prosody)
+    weight = _shifts(time, prosody, 1.1 / np.sqrt(style.tempo))
+    vigour = style.amplitude / 24.0
+    bow = style.lean + 0.06 * vigour * beat + 0.02 * talk * vigour
+    aside = style.sway * swing + (0.8 + 0.45 * style.sway) * weight
+    turn = 0.07 * (0.3 + vigour) * weight * talk
+    low = STANDING - style.crouch - 0.5 * vigour * beat - aside**2 / 160.0
+    return _Stand(bow, aside, low, turn, breath)
+
+
+def perform(
+    prosody: Prosody,
+    style: StyleFactors,
+    frames: int,
+    rate_hz: float | int = 30,
+    seed: int = 0,
+    lower: StyleFactors | None = None,
+    meant: Sequence[Meant] = (),
+) -> bvh.Clip:
     """Gesture to `prosody` in `style` for `frames` frames: the release's hierarchy, facing +Z at the origin.
 
-    `seed` only sets where sway and breath begin; everything else follows from style and speech.
+    `seed` only sets where sway and breath begin, and how the signs vary; everything else follows from style and
+    speech. Hips and legs are of the style `lower`, where given; the words `meant` get their gestures (`meanings`).
     ValueError for no frames or a rate that is not positive.
     """
     if frames < 1 or rate_hz <= 0:
         raise ValueError(f"a performance of {frames} frames at {rate_hz} Hz is impossible; ask for 1 or more.")
     time = np.arange(frames) / rate_hz
-    sway_phase, breath_phase = np.random.default_rng([seed, 11]).uniform(0.0, 2.0 * np.pi, 2)
-    swing = np.sin(2.0 * np.pi * time * 0.28 * np.sqrt(style.tempo) + sway_phase)
-    breath = np.sin(2.0 * np.pi * time * 0.25 * np.sqrt(style.tempo) + breath_phase)
+    upper = _stand(time, prosody, style, seed)
+    stands = upper if lower is None else _stand(time, prosody, lower, seed)
+    bow = upper.bow if lower is None else 0.30 * stands.bow + 0.70 * upper.bow
     home = strokes.stance(style)
     hands = strokes.follow(strokes.schedule(prosody, style), home, time)
     beat, talk = _pulses(time, prosody, 0.16, 0.28), _speaking(time, prosody)
-    weight = _shifts(time, prosody, 1.1 / np.sqrt(style.tempo))
-    vigour = style.amplitude / 24.0
     bounce = style.amplitude * beat[:, None] * np.array([1.0 - 0.8 * style.asymmetry, 1.0])[None]
     hands[..., 1] -= 0.16 * bounce  # every stress shows, also where no stroke fits
     hands[..., 2] += 0.08 * bounce
-    bow = style.lean + 0.06 * vigour * beat + 0.02 * talk * vigour
-    aside = style.sway * swing + (0.8 + 0.45 * style.sway) * weight
-    turn = 0.07 * (0.3 + vigour) * weight * talk
-    low = STANDING - style.crouch - 0.5 * vigour * beat - aside**2 / 160.0
-    tilt = 0.02 * aside
+    over = meanings.overlay(meant, style, time, seed)
+    hands = meanings.hands(over, hands)
+    tilt = 0.02 * stands.aside
     nod = style.nodding * beat
     tracks = rig.Tracks(
-        hips=_stack(aside, low, -0.1 * style.crouch - 14.0 * np.sin(bow)),
-        pelvis=_stack(0.30 * bow, 0.3 * turn, -0.5 * tilt),
-        spine=_stack(0.70 * bow - 0.012 * breath, turn, 0.9 * tilt),
-        neck=_stack(style.head_pitch - bow + nod - 0.03 * talk, -0.6 * turn, -0.8 * tilt),
-        clavicle=_clavicles(style, hands, breath),
+        hips=_stack(
+            stands.aside, stands.low, -0.1 * (style if lower is None else lower).crouch - 14.0 * np.sin(stands.bow)
+        ),
+        pelvis=_stack(0.30 * stands.bow, 0.3 * stands.turn, -0.5 * tilt),
+        spine=_stack(0.70 * upper.bow - 0.012 * upper.breath, upper.turn, 0.9 * tilt),
+        neck=meanings.necks(over, _stack(style.head_pitch - bow + nod - 0.03 * talk, -0.6 * upper.turn, -0.8 * tilt)),
+        clavicle=_clavicles(style, hands, upper.breath),
         hand=hands[..., :3],
         palm=hands[..., 3],
-        wrist=_wrists(hands, rate_hz),
+        wrist=meanings.wrists(over, _wrists(hands, rate_hz)),
         curl=hands[..., 4],
         spread=np.full((frames, 2), 0.02 + 0.12 * style.openness),
+        point=meanings.points(over, frames),
     )
     return rig.pose(tracks, round(1.0 / rate_hz, 6))

@@ -21,9 +21,9 @@ class Recording(NamedTuple):
     speaker: str
 
 
-def speak(seconds: float | int, seed: int) -> Recording:
-    """About `seconds` of sentences by a random synthetic voice; words with exact times."""
-    text = sentences.monologue(seed, int(WORDS_PER_SECOND * seconds))
+def speak(seconds: float | int, seed: int, text: str | None = None) -> Recording:
+    """About `seconds` of sentences, or `text`, by a random synthetic voice; words with exact times."""
+    text = sentences.monologue(seed, int(WORDS_PER_SECOND * seconds)) if text is None else text
     wave, words = voice.speak(text, seed, lead=lead_silence(seed))
     return Recording(wave, text, words, "synthetic")
 

@@ -15,6 +15,7 @@ from zeggs_jax.synthetic import body, limbs
 SIDES = ("Left", "Right")
 STANCE = 10.5  # cm, each foot beside the middle
 TOES_OUT = 0.16  # rad
+POINTED = 0.06  # rad, curl of a stretched index finger
 _ELBOW = (0.55, -0.70, -0.45)  # where elbows point: outward, up, forward
 _ELBOW_HANGING = (0.25, -0.30, -0.90)  # and below low hands
 _BLOCK = 256  # frames solved at a time, so that one length is compiled
@@ -34,6 +35,7 @@ class Tracks(NamedTuple):
     wrist: Float[Values, "T 2"]  # flexion
     curl: Float[Values, "T 2"]  # bend of each finger joint
     spread: Float[Values, "T 2"]  # fingers apart
+    point: Float[Values, "T 2"]  # 0 the index finger bends as the others .. 1 it is stretched
 
 
 _OUTWARD = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])  # written for the left; the right is mirrored in x
@@ -44,6 +46,7 @@ _FINGERS = ("Thumb", "Index", "Middle", "Ring", "Pinky")
 # Shares of the curl and of the spread in each finger's three joints; thumbs curl inward instead of spreading.
 _BEND = np.array([[0.1, 0.12, 0.17], *(np.outer((0.85, 0.95, 1.05, 1.1), (0.8, 1.2, 0.8)))])
 _INWARD = np.array([[0.24, 0.28, 0.4], *np.zeros((4, 3))])
+_INDEX = np.repeat([0.0, 1.0, 0.0, 0.0, 0.0], 3)
 _SPREAD = np.array([[0.0, 0.0, 0.0], *(np.outer((-1.0, -0.2, 0.6, 1.3), (1.0, 0.0, 0.0)))])
 
 
@@ -115,7 +118,8 @@ def _fingers(tracks: Tracks) -> Float[Array, "T 2 15 4"]:
     """Three joints of each finger from the thumb on."""
     curl, spread = tracks.curl[..., None], tracks.spread[..., None]
     sideways = _SPREAD.reshape(1, 1, -1) * spread + _INWARD.reshape(1, 1, -1) * curl
-    bend = -_BEND.reshape(1, 1, -1) * curl
+    bent = curl - jnp.asarray(tracks.point)[..., None] * _INDEX[None, None] * (curl - POINTED)
+    bend = -_BEND.reshape(1, 1, -1) * bent
     return quaternion.multiply(_about(1, sideways), _about(2, bend)) * _MIRRORED[None, :, None]
 
 
