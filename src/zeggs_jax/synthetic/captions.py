@@ -1,5 +1,6 @@
 """Captions: what somebody would write under a clip of a style, in varied words, some of them held out for tests."""
 
+import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
@@ -194,11 +195,11 @@ def _name(style: str | StyleFactors) -> str | None:
     return next((name for name, factors in styles.STYLES.items() if factors == style), None)
 
 
-def _fill(template: str, words: str) -> str:
-    """The template with its words; 'a' before a vowel becomes 'an'."""
-    if template != "{}" and words.startswith(("between", "half")) and " a {}" in f" {template}":
-        template = "the person is {}"
+def _fill(templates: Sequence[str], words: str, draw: np.random.Generator) -> str:
+    """One of the templates with its words; 'a' before a vowel becomes 'an', and 'between' and 'half' get no article."""
+    bare = words.startswith(("between", "half"))
+    template = str(draw.choice([one for one in templates if not (bare and re.search(r"(\ba |^)\{\}", one))]))
     text = template.format(words)
-    if words[0] in "aeio" and not words.startswith("one"):
+    if words[0] in "aeiou":
         text = f" {text}".replace(f" a {words}", f" an {words}", 1)[1:]
     return text
