@@ -138,9 +138,10 @@ def _run(
         )
     level = jnp.broadcast_to(jnp.asarray(level, jnp.float32), (latents,))
     rngs = None if key is None else {"dropout": key}
-    made, layers = _network(config).apply(
+    found: Any = _network(config).apply(
         {"params": params}, noisy, level, conditions, at, memory, key is None, rngs=rngs
     )
+    made, layers = found
     if config.denoiser.output == "noise":
         return made, layers
     schedule = diffusion.schedule(config.diffusion)

@@ -143,6 +143,7 @@ def dpm_step(
 
 def guide(conditional: Latents, unconditional: Latents, scale: Float[ArrayLike, ""]) -> Latents:
     """Classifier-free guidance (Eq. 17): s E(P) + (1 - s) E(no prompt)."""
+    scale = jnp.asarray(scale)
     return scale * conditional + (1.0 - scale) * unconditional
 
 
