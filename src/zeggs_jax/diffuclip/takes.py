@@ -45,8 +45,8 @@ def gather(
 ) -> tuple[list[Take], Skeleton, BodyConfig]:
     """The takes of a corpus (see data/corpus.py), their skeleton and how their bodies were read.
 
-    They are made in so many `processes` and kept in OUT/takes. After a stop the same call goes on where it was. A take without a transcript has no words; without "captions" in
-    its transcript's JSON, its caption is made of its style's name.
+    They are made in so many `processes` and kept in OUT/takes. After a stop the same call goes on where it was. A take
+    without a transcript has no words; without "captions" in that file, its caption is made of its style's name.
 
     Raises:
         ValueError, OSError: no corpus, a clip that does not read or is shorter than a second, clips of another skeleton

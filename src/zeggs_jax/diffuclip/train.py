@@ -71,8 +71,8 @@ def train(
     trained again (an ablation trains the denoiser alone).
 
     Raises:
-        ValueError: the run was started with other settings or another corpus; a corpus that does not fit; a loss that is
-            no longer finite; `only` without a stage that the model needs.
+        ValueError: the run was started with other settings or another corpus; a corpus that does not fit; a loss that
+            is no longer finite; `only` without a stage that the model needs.
         OSError: a file cannot be read or written.
         KeyboardInterrupt: after Ctrl-C, with all work saved.
     """
@@ -148,7 +148,7 @@ def _check_stages(only: Sequence[str], initial: Model | None, config: DiffuclipC
         raise ValueError(f"stage '{missing}' is left out but no model is given to take its part from; train them all.")
     if initial is not None and initial.skeleton.names != skeleton.names:
         raise ValueError(
-            f"the initial model has {len(initial.skeleton)} joints, the corpus {len(skeleton)}; give one of this skeleton."
+            f"the initial model has {len(initial.skeleton)} joints, the corpus {len(skeleton)}; give one of its skeleton."
         )
 
 
