@@ -93,9 +93,10 @@ def axes_positions(
     for above, level in itertools.pairwise(depth_levels):
         own, parent = np.asarray(level), np.asarray([above.index(parents[joint]) for joint in level])
         turn = turns[:, :, parent]  # world axes of the parents
-        arm = arms[own].T[:, :, None]
-        places.append(places[-1][:, parent] + sum(turn[:, k] * arm[k][None] for k in range(3)))
-        turns = sum(turn[:, k, None] * matrices[None, k][:, :, own] for k in range(3))
+        x, y, z = arms[own].T[:, None, :, None]
+        places.append(places[-1][:, parent] + turn[:, 0] * x + turn[:, 1] * y + turn[:, 2] * z)
+        x, y, z = matrices[:, None, :, own]
+        turns = turn[:, 0, None] * x + turn[:, 1, None] * y + turn[:, 2, None] * z
     order = np.argsort(np.concatenate([np.asarray(level) for level in depth_levels]))
     return jnp.transpose(jnp.concatenate(places, axis=1)[:, order], (2, 1, 0))
 
