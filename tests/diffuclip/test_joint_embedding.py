@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from zeggs_jax.diffuclip import joint_embedding as je
-from zeggs_jax.diffuclip import tokens
+from zeggs_jax.diffuclip import minilm, tokens
 from zeggs_jax.diffuclip.config import CodesConfig, DiffuclipConfig, JointConfig
 from zeggs_jax.diffuclip.tokens import Tokens
 from zeggs_jax.speech.transcript import Word
@@ -30,7 +30,7 @@ def params():
 def features(kind, length):
     if kind == "words":
         return tokens.tokenize(WORDS, dataclasses.replace(JOINT, words=length))
-    shape = (3, je.MINILM) if kind == "minilm" else (3,)
+    shape = (3, minilm.WIDTH) if kind == "minilm" else (3,)
     made = np.random.default_rng(0).normal(size=shape).astype(np.float32)
     made = made if kind == "minilm" else np.array([5, 6, 7], np.int32)
     return tokens.tokenize(WORDS, dataclasses.replace(JOINT, words=length), lambda _: (made, np.arange(3)))

@@ -50,6 +50,7 @@ class JointConfig:
     sharpness: float = 0.1  # temperature of the rescaled saliency
     normalise: bool = True  # cosine similarities in Eq. 5, as CLIP; Eq. 5 prints plain products
     dropout: float = 0.1
+    folder: str = ""  # the local folder with T5, as Hugging Face lays it out, where text is "t5"
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,8 @@ class PromptsConfig:
     layers: int = 8
     heads: int = 8
     frames: int = 240  # most motion frames of a prompt; longer ones are cut or sampled
+    patch: int = 1  # motion frames of one token of the motion encoder
+    clip: str = ""  # the local folder with CLIP, as Hugging Face lays it out, where text or image is "clip"
     image: Literal["clip", "small"] = "clip"  # CLIP's frozen image tower, or a small one trained with the video encoder
     pixels: int = 224
     video_frames: int = 16  # images that a video prompt is sampled to
@@ -181,8 +184,8 @@ SMALL = DiffuclipConfig(
     codes=CodesConfig(latent=32, codes=256, quantisers=4, width=96, halvings=2, depth=2),
     joint=JointConfig("words", 96, 3, 4, text_layers=2, words=32, latents=64, saliency="rescaled"),
     prompts=PromptsConfig(
-        "words", 64, 128, 3, 4, frames=180, image="small", pixels=48, video_frames=8, video_width=64, video_layers=2,
-        video_heads=4,
+        "words", 64, 128, 3, 4, frames=180, patch=6, image="small", pixels=48, video_frames=8,
+        video_width=64, video_layers=2, video_heads=4,
     ),
     denoiser=DenoiserConfig(160, 5, 4, output="velocity"),
     diffusion=DiffusionConfig(short_steps=0, captioned=0.25, perceptual=0.25),

@@ -4,6 +4,7 @@ Text: T5's encoder, or a small encoder over hashed words or MiniLM's vectors. Ge
 latents. Both are pooled by their maximum over time (Eq. 3) and trained to agree (Eq. 4-6).
 """
 
+from functools import cache
 from typing import Any, Literal, NamedTuple
 
 import jax
@@ -14,12 +15,11 @@ from jaxtyping import Array, Bool, Float
 
 from ..nn.attention import positions
 from ..nn.layers import Dense
-from . import bert, t5
+from . import bert, minilm, t5
 from .config import DiffuclipConfig, JointConfig
-from .tokens import BUCKETS, PIECES, Tokens
+from .tokens import BUCKETS, PIECES, Reader, Tokens, hashed
 
 Params = Any
-MINILM = 384  # numbers of one of MiniLM's vectors
 FAR = 1e9  # takes padding out of a maximum
 
 
@@ -92,17 +92,37 @@ def init(key: Array, config: DiffuclipConfig, t5_params: Params | None = None) -
     """
     joint = config.joint
     keys = jax.random.split(key)
-    latents = jnp.zeros((2, config.latent_size))
     seen = jnp.ones(2, bool)
-    gesture = Gestures(joint).init(keys[1], latents, seen, ~seen, True)["params"]
     if joint.text == "t5":
         text = t5.init(keys[0], t5_config(joint)) if t5_params is None else t5_params
         if (width := text["embedding"].shape[1]) != joint.width:
             raise ValueError(f"this T5's vectors are of {width} numbers, expected {joint.width}; set joint.width.")
     else:
-        features = jnp.zeros((2, PIECES), jnp.int32) if joint.text == "words" else jnp.zeros((2, MINILM))
+        features = jnp.zeros((2, PIECES), jnp.int32) if joint.text == "words" else jnp.zeros((2, minilm.WIDTH))
         text = Words(joint).init(keys[0], features, seen)["params"]
-    return {"text": text, "gesture": gesture}
+    return {"text": text, "gesture": init_gesture(keys[1], config)}
+
+
+def init_gesture(key: Array, config: DiffuclipConfig) -> Params:
+    """The gesture encoder alone, with drawn parameters."""
+    seen = jnp.ones(2, bool)
+    return Gestures(config.joint).init(key, jnp.zeros((2, config.latent_size)), seen, ~seen, True)["params"]
+
+
+@cache
+def reader(config: JointConfig) -> Reader:
+    """What makes the encoder's tokens of words; kept, since a tokenizer takes long to open.
+
+    Raises:
+        ValueError, OSError: "t5" without a folder in `config`, or what `t5.reader` and `minilm.reader` raise.
+    """
+    if config.text == "words":
+        return hashed
+    if config.text == "minilm":
+        return minilm.reader()
+    if not config.folder:
+        raise ValueError("joint.text is 't5', whose words are cut by its tokenizer; set joint.folder to T5's folder.")
+    return t5.reader(config.folder)
 
 
 def t5_config(joint: JointConfig) -> t5.T5Config:
