@@ -45,9 +45,9 @@ def _both(outward: float, up: float, forward: float, palm: float, curl: float) -
 
 SIGNS: Mapping[str, Sign] = MappingProxyType(
     {
-        "big": Sign(_both(-2, -14, 34, 0.0, 0.25), _both(36, -8, 27, 0.1, 0.1), hold=0.45),
-        "small": Sign(_both(8, -4, 36, 0.0, 0.4), _both(-6.5, -6, 38, 0.0, 0.75), hold=0.45, look=0.1),
-        "round": Sign(_both(-6, 6, 36, -0.2, 0.35), _both(-6, -28, 36, 0.5, 0.35), circle=17.0, hold=0.1),
+        "big": Sign(_both(2, -14, 34, 0.0, 0.25), _both(36, -8, 27, 0.1, 0.1), hold=0.45),
+        "small": Sign(_both(8, -4, 36, 0.0, 0.4), _both(-1.5, -6, 38, 0.0, 0.75), hold=0.45, look=0.1),
+        "round": Sign(_both(0, 6, 36, -0.2, 0.35), _both(0, -28, 36, 0.5, 0.35), circle=19.0, hold=0.25),
         "up": Sign(_both(8, -8, 34, -0.2, 0.5), _both(9, 44, 18, -0.2, 0.5), (0.0, 1.0), point=(0.0, 1.0), look=-0.3),
         "down": Sign(_both(9, -4, 32, -1.0, 0.15), _both(11, -42, 26, -1.0, 0.12), wrist=(-0.6, -0.6), look=0.2),
         "far": Sign(
@@ -65,7 +65,7 @@ SIGNS: Mapping[str, Sign] = MappingProxyType(
         ),
         "yes": Sign(
             _both(6, -20, 34, 0.0, 1.2), _both(5, -27, 38, 0.0, 1.3), (0.0, 1.0),
-            swing=((0.0, 0.0, 0.0), (0.0, 7.0, 0.0)), turns=2.5, nod=0.30, hold=0.9,
+            swing=((0.0, 0.0, 0.0), (0.0, 8.0, 0.0)), turns=2.5, nod=0.34, hold=0.9,
         ),
         "stop": Sign(_both(5, -6, 28, -0.8, 0.1), _both(3, 3, 47, -1.0, 0.05), wrist=(-1.1, -1.1), hold=0.55),
     }
