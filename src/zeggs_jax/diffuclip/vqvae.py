@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from ..data.scale import Scale
 from ..motion.skeleton import Skeleton
-from ..nn.layers import Dense
+from ..nn.layers import Dense, torch_bound, uniform
 from . import body_parts, quantiser
 from .config import CodesConfig, DiffuclipConfig
 from .quantiser import Book
@@ -18,15 +18,30 @@ Params = Any
 FLOOR = 1e-4  # least standard deviation of a channel of Z
 
 
-def unfold(x: Float[Array, "T C"], kernel: int, stride: int = 1, dilation: int = 1) -> Float[Array, "S kC"]:
-    """What each of T / stride outputs of a convolution sees, side by side; the ends are repeated beyond.
+class Conv(nn.Module):
+    """Convolution over frames, T / stride of them; beyond the ends the first and last frame are repeated."""
 
-    A `Dense` on it is the convolution: one large product, on a CPU faster than XLA's own convolution.
-    """
-    frames, reach = len(x), dilation * (kernel - 1) + 1 - stride
-    padded = jnp.pad(x, ((reach // 2, reach - reach // 2), (0, 0)), mode="edge")
-    taps = [padded[k * dilation : k * dilation + frames : stride] for k in range(kernel)]
-    return jnp.concatenate(taps, axis=-1)
+    features: int
+    kernel: int
+    stride: int = 1
+    dilation: int = 1
+
+    @nn.compact
+    def __call__(self, x: Float[Array, "T in"]) -> Float[Array, "S out"]:
+        bound = torch_bound(self.kernel * x.shape[-1])
+        weight = self.param("weight", uniform(bound), (self.features, self.kernel, x.shape[-1]))
+        bias = self.param("bias", uniform(bound), (self.features,))
+        reach = self.dilation * (self.kernel - 1) + 1 - self.stride
+        padded = jnp.pad(x, ((reach // 2, reach - reach // 2), (0, 0)), mode="edge")
+        product = jax.lax.conv_general_dilated(
+            padded[None],
+            weight,
+            (self.stride,),
+            "VALID",
+            rhs_dilation=(self.dilation,),
+            dimension_numbers=("NWC", "OWI", "NWC"),
+        )[0]
+        return product + jnp.broadcast_to(bias, product.shape)
 
 
 class Residual(nn.Module):
@@ -39,7 +54,7 @@ class Residual(nn.Module):
     def __call__(self, x: Float[Array, "T W"]) -> Float[Array, "T W"]:
         growth = [self.config.dilation**k for k in range(self.config.depth)]
         for k, dilation in enumerate(reversed(growth) if self.reverse else growth):
-            inner = Dense(x.shape[-1], name=f"wide{k}")(unfold(jax.nn.relu(x), 3, dilation=dilation))
+            inner = Conv(x.shape[-1], 3, dilation=dilation, name=f"wide{k}")(jax.nn.relu(x))
             x = x + Dense(x.shape[-1], name=f"narrow{k}")(jax.nn.relu(inner))
         return x
 
@@ -52,9 +67,9 @@ class Encoder(nn.Module):
     @nn.compact
     def __call__(self, x: Float[Array, "T D"]) -> Float[Array, "L C"]:
         for k in range(self.config.halvings):
-            x = Dense(self.config.width, name=f"halve{k}")(unfold(x, 4, stride=2))
+            x = Conv(self.config.width, 4, 2, name=f"halve{k}")(x)
             x = Residual(self.config, name=f"residual{k}")(x)
-        return Dense(self.config.latent, name="out")(unfold(x, 3))
+        return Conv(self.config.latent, 3, name="out")(x)
 
 
 class Decoder(nn.Module):
@@ -66,11 +81,11 @@ class Decoder(nn.Module):
     @nn.compact
     def __call__(self, x: Float[Array, "L C"]) -> Float[Array, "T D"]:
         width = self.config.width
-        x = Dense(width, name="into")(unfold(x, 3))
+        x = Conv(width, 3, name="into")(x)
         for k in range(self.config.halvings):
             x = Residual(self.config, reverse=True, name=f"residual{k}")(x)
-            x = Dense(2 * width, name=f"double{k}")(unfold(x, 3)).reshape(-1, width)
-        return Dense(self.columns, name="out")(unfold(jax.nn.relu(x), 3))
+            x = Conv(2 * width, 3, name=f"double{k}")(x).reshape(-1, width)
+        return Conv(self.columns, 3, name="out")(jax.nn.relu(x))
 
 
 def init(key: Array, config: DiffuclipConfig, skeleton: Skeleton) -> Params:
