@@ -144,8 +144,8 @@ def _clause(draw: np.random.Generator, meaning: str | None, held_out: bool) -> s
 
 
 def sentence(draw: np.random.Generator, held_out: bool = False) -> str:
-    """One sentence of lower-case words: a fifth says nothing of the twelve meanings, a third says two of them."""
-    count = int(draw.choice(3, p=[0.2, 0.48, 0.32]))
+    """One sentence of lower-case words: an eighth says nothing of the twelve meanings, nearly half says two."""
+    count = int(draw.choice(3, p=[0.12, 0.43, 0.45]))
     meant: list[str | None] = [str(name) for name in draw.choice(list(MEANINGS), count, replace=False)]
     if (len(meant) < 2 and draw.random() < 0.35) or not meant:
         meant.insert(int(draw.integers(len(meant) + 1)), None)
