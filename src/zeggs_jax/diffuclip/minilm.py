@@ -159,7 +159,7 @@ def embed(texts: Sequence[str], at: Path | None = None) -> Float32[ndarray, "N E
 
 
 def reader(at: Path | None = None) -> Reader:
-    """Words as their vectors in the context of all that are given, each the mean over its pieces; see `tokens.tokenize`.
+    """Words as their vectors in the context of all that are given, each the mean over its pieces.
 
     Words beyond the 256th piece, and signs that the tokenizer does not know, are zeros.
     """

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Array, Float32
 
 SINGLE, INDEX, CONFIG = "model.safetensors", "model.safetensors.index.json", "config.json"
 TYPES = {"F64": "<f8", "F32": "<f4", "F16": "<f2", "BF16": "<u2"}
@@ -123,7 +124,7 @@ def load(folder: str | Path, like: Any, name_of: NameOf) -> Any:
     """
     known = places(folder)
 
-    def leaf(path: Any, shape: Any) -> Float32[np.ndarray, "..."]:
+    def leaf(path: Any, shape: Any) -> Float32[Array, "..."]:
         name = name_of(tuple(str(key.key) for key in path))
         if name not in known:
             raise ValueError(f"'{folder}' has no tensor '{name}'; give weights of the architecture in {CONFIG}.")
@@ -132,7 +133,7 @@ def load(folder: str | Path, like: Any, name_of: NameOf) -> Any:
                 f"'{name}' in '{folder}' is of shape {known[name].shape}, expected {tuple(shape.shape)}; give weights "
                 f"of the architecture in {CONFIG}."
             )
-        return read(known[name])
+        return jnp.asarray(read(known[name]))
 
     return jax.tree_util.tree_map_with_path(leaf, like)
 

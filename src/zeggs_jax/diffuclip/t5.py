@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import linen as nn
-from jaxtyping import Array, Bool, Float, Float32, Int, Int32
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float, Int, Int32
 
 from . import safetensors_folder
 from .bert import HIDDEN
@@ -133,11 +134,16 @@ def init(key: Array, config: T5Config) -> Params:
 
 
 def apply(
-    params: Params, ids: Int[Array, " S"], mask: Bool[Array, " S"], key: Array | None = None, dropout: float = 0.1
+    params: Params,
+    ids: Int[ArrayLike, " S"],
+    mask: Bool[ArrayLike, " S"],
+    key: Array | None = None,
+    dropout: float = 0.1,
 ) -> Float[Array, "S E"]:
     """The vectors of a sentence's tokens; sizes are those of `params`; with a key, some are dropped."""
     rngs = None if key is None else {"dropout": key}
-    return Encoder(config_of(params, dropout)).apply({"params": params}, ids, mask, key is None, rngs=rngs)  # type: ignore[return-value]
+    encoder, ids, mask = Encoder(config_of(params, dropout)), jnp.asarray(ids), jnp.asarray(mask)
+    return jnp.asarray(encoder.apply({"params": params}, ids, mask, key is None, rngs=rngs))
 
 
 def config_of(params: Params, dropout: float = 0.1) -> T5Config:
@@ -203,8 +209,3 @@ def reader(folder: str | Path) -> Reader:
         return np.array(made.ids, np.int32), np.array(made.word_ids, np.int64)
 
     return read
-
-
-def embed(params: Params, ids: Int[Array, " S"]) -> Float32[Array, "S E"]:
-    """The vectors of all of a text's tokens, without padding."""
-    return apply(params, ids, jnp.ones(ids.shape, bool))

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax import linen as nn
 from jaxtyping import Array, Bool, Float, Int
+from numpy import ndarray
 
 from ...nn.layers import Dense
 from ...training.step import TrainState, begin, make_step, trained
@@ -16,16 +17,15 @@ from ..config import DiffuclipConfig
 from .stage import Material, Params, Stage, optimiser, window
 
 SPANS = (2, 4)  # latents covered up in one stretch, at least and at most
-TOP = 10
 
 
 class Masked(NamedTuple):
     """A window of a take with some latents covered up."""
 
-    quantised: Float[Array, "L C"]
-    mask: Bool[Array, " L"]
-    hidden: Bool[Array, " L"]
-    codes: Int[Array, "L Q"]
+    quantised: Float[Array | ndarray, "L C"]
+    mask: Bool[Array | ndarray, " L"]
+    hidden: Bool[Array | ndarray, " L"]
+    codes: Int[Array | ndarray, "L Q"]
 
 
 class Head(nn.Module):
@@ -83,8 +83,8 @@ def loss_fn(
     """
 
     def each(clip: Masked, key: Array) -> tuple[Array, Array]:
-        key = None if step is None else key
-        vectors = joint_embedding.encode_gesture(params, config, clip.quantised, clip.mask, clip.hidden, key).latents
+        drop = None if step is None else key
+        vectors = joint_embedding.encode_gesture(params, config, clip.quantised, clip.mask, clip.hidden, drop).latents
         logits = jnp.asarray(_head(config).apply({"params": params["head"]}, vectors))
         told = jax.nn.log_softmax(logits)
         right = jnp.take_along_axis(told, clip.codes[..., None], axis=-1)[..., 0]

@@ -1,6 +1,7 @@
 """Stage 3, the joint space (Sec. 5): sentences and their gestures agree (Eq. 4-6), taught by momentum copies."""
 
 from functools import partial
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
@@ -8,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from jaxtyping import Array, Bool, Float
+from numpy import ndarray
 
 from ...speech import transcript
 from ...speech.transcript import Word
@@ -40,8 +42,8 @@ class Pair(NamedTuple):
     """A sentence and the latents spoken with it."""
 
     spoken: Tokens
-    quantised: Float[Array, "L C"]
-    mask: Bool[Array, " L"]
+    quantised: Float[Array | ndarray, "L C"]
+    mask: Bool[Array | ndarray, " L"]
 
 
 def stage(config: DiffuclipConfig, material: Material, params: dict[str, Params]) -> Stage:
@@ -92,7 +94,7 @@ def _cut(words: tuple[Word, ...], longest: float, config: DiffuclipConfig) -> li
     """The words in pieces, as few as possible and about equally many words each, of at most `longest` s."""
     for pieces in range(1, len(words) + 1):
         edges = np.linspace(0, len(words), pieces + 1).round().astype(int)
-        cuts = [words[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        cuts = [words[a:b] for a, b in pairwise(edges)]
         if all(cut[-1].end - cut[0].start <= longest and len(cut) <= config.joint.words for cut in cuts):
             return cuts
     return [(word,) for word in words]
