@@ -184,7 +184,7 @@ SMALL = DiffuclipConfig(
     codes=CodesConfig(latent=32, codes=256, quantisers=4, width=96, halvings=2, depth=2),
     joint=JointConfig("words", 96, 3, 4, text_layers=2, words=32, latents=64, saliency="rescaled"),
     prompts=PromptsConfig(
-        "words", 64, 128, 3, 4, frames=180, patch=6, image="small", pixels=48, video_frames=8,
+        "words", 64, 128, 3, 4, frames=180, patch=6, image="small", pixels=48, video_frames=16,
         video_width=64, video_layers=2, video_heads=4,
     ),
     denoiser=DenoiserConfig(160, 5, 4, output="velocity"),
@@ -193,7 +193,7 @@ SMALL = DiffuclipConfig(
     learn_gestures=StageConfig(1000, 32, 5e-4, 100, seconds=8.0),
     learn_joint=StageConfig(2000, 64, 5e-4, 100, seconds=8.0),
     learn_prompts=StageConfig(2000, 64, 5e-4, 100, seconds=6.0),
-    learn_video=StageConfig(1000, 16, 5e-4, 100, seconds=6.0),
+    learn_video=StageConfig(1500, 16, 5e-4, 100, seconds=6.0),
     learn_denoiser=StageConfig(5000, 48, 4e-4, 300, seconds=6.4, ema=0.999),
 )  # fmt: skip
 """The bundled model's settings: every part of the paper's system, small enough to train on two CPU cores."""

@@ -2,7 +2,7 @@
 
 Text comes through one of three heads: "clip", CLIP's frozen text tower from a local folder; "words", a small encoder of
 hashed words that is trained with the motion encoder; "sentences", a small network on the vectors of a frozen sentence
-encoder (MiniLM, extra `prompts`), for wordings that no caption of the corpus has. A video comes through `film`.
+encoder (MiniLM, extra `prompts`), for wordings that no caption of the corpus has. Videos: video_encoder.py.
 """
 
 import importlib.util
@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Float32, Int32
 from ..motion.skeleton import Skeleton
 from ..nn.attention import positions
 from ..nn.layers import Dense
-from . import bert, joint_embedding, minilm, tokens
+from . import bert, joint_embedding, minilm, tokens, video_encoder
 from .config import DiffuclipConfig, JointConfig, PromptsConfig
 from .joint_embedding import unit
 
@@ -197,6 +197,25 @@ def embed_texts(
 @partial(jax.jit, static_argnames="config")
 def _embed(params: Params, config: DiffuclipConfig, features: Any) -> Float[Array, "K size"]:
     return jax.vmap(partial(encode_text, params, config))(features)
+
+
+def see(config: DiffuclipConfig, images: Float[Array, "V H W 3"], tower: Params = None) -> Float[Array, "V ..."]:
+    """What the video encoder reads of pictures (0 to 1): themselves, or the vectors of CLIP's tower for images.
+
+    The `tower` is loaded where it is not given; ValueError, OSError where there is none.
+    """
+    if config.prompts.image == "small":
+        return images
+    from . import clip
+
+    loaded = clip.load(clip.folder_of(config.prompts))
+    tower = loaded.params["image"] if tower is None else tower
+    return jax.vmap(partial(clip.encode_image, tower, loaded.sizes))(images)
+
+
+def encode_video(params: Params, config: DiffuclipConfig, images: Float[Array, "V H W 3"]) -> Float[Array, " size"]:
+    """The prompt that a video is, of unit length, from `video_frames` pictures of it, 0 to 1."""
+    return video_encoder.encode(params["video"], config, see(config, images))
 
 
 def known_words(texts: Sequence[str]) -> Int32[np.ndarray, " n"]:
