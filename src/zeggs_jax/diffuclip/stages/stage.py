@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import optax
-from jaxtyping import Array, Float, Float32, Int32
+from jaxtyping import Array, Float32, Int32, Shaped
 from numpy import ndarray
 
 from ...data.scale import Scale
@@ -69,7 +69,7 @@ def optimiser(config: StageConfig) -> optax.GradientTransformation:
     return steps if config.clip_norm is None else optax.chain(optax.clip_by_global_norm(config.clip_norm), steps)
 
 
-def window(rows: Float[ndarray, "T n"], start: int, length: int) -> tuple[ndarray, ndarray]:
+def window(rows: Shaped[ndarray, "T n"], start: int, length: int) -> tuple[ndarray, ndarray]:
     """(rows [length, n] from `start` on, zeros beyond the end; mask [length])."""
     import numpy as np
 
