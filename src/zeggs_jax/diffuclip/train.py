@@ -1,4 +1,4 @@
-"""Training in stages: codes, gestures, joint, prompts, video, denoiser; one command, each stage resumable.
+"""Training in stages: codes, gestures, joint, prompts, denoiser, video; one command, each stage resumable.
 
 RUN holds config.json, takes/ (what the corpus was read to), a folder for each stage (log.jsonl, tensorboard/,
 checkpoints/), and at the end model/. The same call on the same folder goes on where it was stopped.
@@ -31,8 +31,8 @@ STAGES: dict[str, tuple[str, Make]] = {
     "gestures": ("joint", gestures.stage),
     "joint": ("joint", joint.stage),
     "prompts": ("prompts", prompts.stage),
-    "video": ("prompts", video.stage),
     "denoiser": ("denoiser", denoiser.stage),
+    "video": ("prompts", video.stage),
 }
 """Each stage's name, the component that it trains (a later one replaces it), and how it is made."""
 READS = {
@@ -40,8 +40,8 @@ READS = {
     "gestures": ("joint",),
     "joint": ("joint",),
     "prompts": ("prompts",),
-    "video": ("prompts",),
     "denoiser": ("denoiser", "diffusion"),
+    "video": ("prompts",),
 }
 """The settings that a stage depends on, beside its own and those of the stages before it."""
 FREE = ("log_every", "checkpoint_every")
@@ -148,7 +148,7 @@ def _check_stages(only: Sequence[str], initial: Model | None, config: DiffuclipC
         raise ValueError(f"stage '{missing}' is left out but no model is given to take its part from; train them all.")
     if initial is not None and initial.skeleton.names != skeleton.names:
         raise ValueError(
-            f"the initial model has {len(initial.skeleton)} joints, the corpus {len(skeleton)}; give one of its skeleton."
+            f"the initial model has {len(initial.skeleton)} joints, the corpus {len(skeleton)}; they must be the same."
         )
 
 

@@ -1,1 +1,1 @@
-"""The stages of training, in order: codes, gestures, joint, prompts, video, denoiser; one `Stage` each."""
+"""The stages of training, in order: codes, gestures, joint, prompts, denoiser, video; one `Stage` each."""

@@ -1,4 +1,4 @@
-"""Stage 6, the denoiser (Sec. 6.2): noise, meaning and style losses on windows of takes, all else frozen."""
+"""Stage 5, the denoiser (Sec. 6.2): noise, meaning and style losses on windows of takes, all else frozen."""
 
 from collections.abc import Sequence
 from functools import partial
