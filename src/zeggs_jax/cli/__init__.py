@@ -6,7 +6,7 @@ from importlib.metadata import version
 
 import tyro
 
-from . import judge, learn, perform, style, timeline
+from . import diffuse, judge, learn, perform, style, timeline
 
 COMMANDS = (
     perform.demo,
@@ -23,6 +23,10 @@ COMMANDS = (
 app = tyro.extras.SubcommandApp()
 for command in COMMANDS:
     app.command(command)
+diffuclip = tyro.extras.SubcommandApp()
+for command in (diffuse.generate, diffuse.train):
+    diffuclip.command(command)
+app.command(diffuclip, name="diffuclip", help="GestureDiffuCLIP: gestures from speech, its words and a prompt.")
 
 
 def _sentence(error: Exception) -> str:

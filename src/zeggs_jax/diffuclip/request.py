@@ -14,6 +14,7 @@ from jaxtyping import Float
 from ..data import scale
 from ..data.body import normalise_like
 from ..motion import bvh, edit
+from ..speech import transcript
 from ..speech.transcript import Sentence
 from . import body_parts, prompts, representation
 from .model import Model
@@ -105,6 +106,11 @@ def read_timeline(path: str | Path, spoken: Sequence[Sentence] = ()) -> tuple[Cu
     made = tuple(Cue(float(cue["time"]), cue["prompt"]) for cue in cues)
     check_cues(made)
     return made
+
+
+def spoken(path: str | Path) -> tuple[Sentence, ...]:
+    """The sentences of a transcript with timed words; errors are those of `speech.transcript.read`."""
+    return transcript.sentences(transcript.read(path))
 
 
 def by_sentence(spoken: Sequence[Sentence], texts: Sequence[str]) -> tuple[Cue, ...]:
