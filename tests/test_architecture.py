@@ -43,7 +43,7 @@ TOUCH_DISK = {
     "zeroeggs/validation.py",
     "zeroeggs/timeline.py", "zeroeggs/timeline_text.py", "zeroeggs/library.py",
     "zeroeggs/library_file.py", "zeroeggs/embedding.py", "zeroeggs/style_clip.py",
-    "diffuclip/safetensors_folder.py",
+    "diffuclip/safetensors_folder.py", "diffuclip/video.py",
 }  # fmt: skip
 DISK_NAMES = {"open", "pathlib", "os", "shutil", "tempfile"}
 
