@@ -189,7 +189,7 @@ SMALL = DiffuclipConfig(
     ),
     denoiser=DenoiserConfig(160, 5, 4, output="velocity"),
     diffusion=DiffusionConfig(short_steps=0, captioned=0.25, perceptual=0.25),
-    learn_codes=StageConfig(4000, 32, 5e-4, 200, seconds=4.0, ema=0.99),
+    learn_codes=StageConfig(4000, 32, 5e-4, 200, seconds=2.14, ema=0.99),
     learn_gestures=StageConfig(1000, 32, 5e-4, 100, seconds=8.0),
     learn_joint=StageConfig(2000, 64, 5e-4, 100, seconds=8.0),
     learn_prompts=StageConfig(2000, 64, 5e-4, 100, seconds=6.0),
