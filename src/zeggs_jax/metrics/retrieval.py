@@ -29,7 +29,7 @@ class Retrieval(NamedTuple):
     count: int  # candidates
 
 
-def recalls(similarity: Float[ndarray, "N N"]) -> Retrieval:
+def recalls(similarity: Float[ndarray, "N M"]) -> Retrieval:
     """R@1, 5 and 10 and the median rank both ways, of N pairs; row i belongs to column i.
 
     Raises:
@@ -53,7 +53,7 @@ def nearest(similarity: Float[ndarray, "N M"], k: int) -> list[list[int]]:
     return np.argsort(-np.asarray(similarity), axis=1, kind="stable")[:, :k].tolist()
 
 
-def top_share(weights: Sequence[Float[ndarray, " S"]], wanted: Sequence[Sequence[int]]) -> tuple[float, float]:
+def top_share(weights: Sequence[Float[ndarray, " _"]], wanted: Sequence[Sequence[int]]) -> tuple[float, float]:
     """(share of the wanted words among the top-weighted of their sentence, the same for equal weights).
 
     Of a sentence of S words with m wanted ones, the m with the largest weights are taken; weights that tie share the
