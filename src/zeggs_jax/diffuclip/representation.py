@@ -7,6 +7,7 @@ the body heads to now; 2 its height (cm), which therefore cannot drift; then the
 
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
@@ -63,9 +64,10 @@ def positions(
     return kinematics.axes_positions(ground(motion[:, :ROOT], axes), axes, offsets, parents)
 
 
-def ground(root: Float[Array, "T 3"], axes: Float[Array, "T J 2 3"]) -> Float[Array, "T 3"]:
+@jax.jit
+def ground(root: Float[ArrayLike, "T 3"], axes: Float[ArrayLike, "T J 2 3"]) -> Float[Array, "T 3"]:
     """Places of joint 0 (cm, world): the steps of frames 1.. turned by the heading and summed; heights as given."""
-    sine, cosine = heading(axes)
+    (sine, cosine), root = heading(axes), jnp.asarray(root)
     left, ahead = root[:, 0], root[:, 1]
     step = jnp.stack([cosine * left + sine * ahead, cosine * ahead - sine * left], axis=-1)
     moved = jnp.cumsum(step, axis=0) - step[:1]

@@ -1,0 +1,63 @@
+"""A small body that walks, turns and gestures, and a config of a few units for it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from zeggs_jax.diffuclip.config import CodesConfig, DiffuclipConfig, StageConfig
+from zeggs_jax.motion.bvh import Clip
+from zeggs_jax.motion.skeleton import Skeleton
+
+NAMES = (
+    *("Hips", "Spine", "Spine2", "Head", "LeftArm", "LeftHand", "LeftHandIndex1", "RightArm", "RightHand"),
+    *("LeftUpLeg", "LeftFoot", "RightUpLeg", "RightFoot"),
+)
+PARENTS = (-1, 0, 1, 2, 2, 4, 5, 2, 7, 0, 9, 0, 11)
+OFFSETS = (
+    *([0, 90, 0], [0, 10, -2], [0, 20, 1], [0, 25, 2], [15, 12, 0], [28, -3, 1], [8, 0, 0], [-15, 12, 0]),
+    *([-28, -3, 1], [10, -5, 0], [0, -80, 3], [-10, -5, 0], [0, -80, 3]),
+)
+FRAME_TIME = 1 / 30
+
+
+def moving(body: Skeleton, frames: int, seed: int = 0) -> Clip:
+    """A clip that goes about, turns by several rounds and moves every joint, in mixed Euler orders."""
+    rng = np.random.default_rng(seed)
+    seconds = np.arange(frames) * FRAME_TIME
+
+    def waves(*shape: int) -> np.ndarray:
+        at = seconds.reshape(-1, *(1 for _ in shape))
+        pace, phase, size = (rng.uniform(*limits, (3, *shape)) for limits in ((0.5, 6), (0, 6), (-1.5, 1.5)))
+        return (size[:, None] * np.sin(pace[:, None] * at[None] + phase[:, None])).sum(axis=0)
+
+    positions = np.tile(np.asarray(body.offsets, float), (frames, 1, 1))
+    positions[:, 0] += waves(3) * [20, 2, 20] + seconds[:, None] * [30, 0, 10]
+    euler = 0.3 * waves(len(body), 3)
+    euler[:, 0] = 0.1 * euler[:, 0]
+    euler[:, 0, 1] += 1.0 + 0.8 * seconds  # joint 0 is zyx: about the vertical
+    orders = tuple(("zyx", "yxz", "xzy")[joint % 3] for joint in range(len(body)))
+    return Clip(body, orders, euler, positions, FRAME_TIME)
+
+
+@pytest.fixture(scope="session")
+def body() -> Skeleton:
+    return Skeleton(NAMES, PARENTS, np.array(OFFSETS, float))
+
+
+@pytest.fixture(scope="session")
+def clip(body) -> Clip:
+    return moving(body, 90)
+
+
+@pytest.fixture(scope="session")
+def tiny() -> DiffuclipConfig:
+    """Two parts, two residual codebooks of 16, a latent for 4 frames."""
+    return dataclasses.replace(
+        DiffuclipConfig(),
+        frame_time=FRAME_TIME,
+        joints=len(NAMES),
+        parts=("upper", "lower"),
+        codes=CodesConfig(latent=6, codes=16, quantisers=2, width=12, halvings=2, depth=2, revive=0.5),
+        learn_codes=StageConfig(30, 8, 3e-3, 5, seconds=0.8, ema=0.9),
+    )
