@@ -111,7 +111,7 @@ def words_near(
     """The words of a window of latents, a second around it; `times` in s from the window's first latent."""
     hz = config.latents_hz
     near = tokens.between(words, start / hz - MARGIN_S, (start + latents) / hz + MARGIN_S)
-    return tokens.tokenize(near, config.joint, reader, start / hz)
+    return tokens.tokenize(near, config.joint, reader or joint_embedding.reader(config.joint), start / hz)
 
 
 def conditions(
