@@ -158,7 +158,8 @@ def figure(asked: Any, gesture: Any, speech: Path, label: str | None = None) -> 
     """What the page shows of a gesture: the body, its prompt, and the words as they are spoken."""
     from ..stage import player
 
-    return player.Figure(label or _label(asked), gesture.clip, speech)
+    cues = tuple((cue.time, cue.prompt) for cue in asked.timeline)
+    return player.Figure(label or _label(asked), gesture.clip, speech, words=gesture.words, cues=cues)
 
 
 def _label(asked: Any) -> str:

@@ -8,15 +8,21 @@ from typing import Annotated, Any
 from tqdm import tqdm
 from tyro.conf import Positional, UseAppendAction, arg
 
+from . import prompted
 from .arguments import Out, Ranges, Styles
 from .guards import component, frame_range, keep_inputs, prepare_folder, stem
+
+STYLES = ("neutral", "happy", "angry", "old", "sad", "oration")
 
 
 def demo(
     out: Out = Path("demo"),
-    styles: tuple[str, ...] = ("neutral", "happy", "angry", "old", "sad", "oration"),
+    styles: tuple[str, ...] = STYLES,
     speech: Path | None = None,
     seed: int = 1234,
+    diffuclip: bool = False,
+    transcript: Path | None = None,
+    checkpoint: Path | None = None,
 ) -> None:
     """Make one speech gesture in several styles: BVH and WAV files and one page, index.html, to watch them.
 
@@ -25,7 +31,17 @@ def demo(
         styles: Bundled styles to show, or style clips.
         speech: A recording of your own; a bundled one when left out.
         seed: The seed of the style samples.
+        diffuclip: Show GestureDiffuCLIP instead: one speech under prompts of words, on one page.
+        transcript: With --diffuclip: the timed words of the speech.
+        checkpoint: With --diffuclip: a model of your own, from 'zeggs diffuclip train'.
     """
+    if diffuclip:
+        if styles != STYLES:
+            raise ValueError("--styles belong to ZeroEGGS, --diffuclip shows prompts of words; leave one of them out.")
+        prompted.demo(out, speech, transcript, seed, checkpoint)
+        return
+    if transcript is not None or checkpoint is not None:
+        raise ValueError("--transcript and --checkpoint belong to --diffuclip here; see 'zeggs generate' for models.")
     from ..stage import player
     from ..zeroeggs import generate as g
 

@@ -28,7 +28,7 @@ from .request import Cue, Request
 from .sampling import Settings
 from .takes import heard
 
-__all__ = ["BUNDLE", "Cue", "Gesture", "Request", "bundled_model", "generate", "load_model", "save"]
+__all__ = ["BUNDLE", "Cue", "Gesture", "Request", "bundled_model", "bundled_speech", "generate", "load_model", "save"]
 
 BUNDLE = Path(str(files("zeggs_jax.diffuclip") / "pretrained"))
 BEYOND_S = 1.0  # words may end this long after the recording, by their aligner's rounding
@@ -47,6 +47,11 @@ class Gesture(NamedTuple):
 def bundled_model() -> Model:
     """The small model that comes with the package, trained on the synthetic corpus of known meanings."""
     return load_model(BUNDLE / "model")
+
+
+def bundled_speech() -> Path:
+    """A recording that comes with the package; its timed words lie beside it as .json."""
+    return BUNDLE / "speech" / "synthetic.wav"
 
 
 def generate(

@@ -8,6 +8,7 @@ import json
 import os
 import re
 import zlib
+from collections import Counter
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
@@ -27,7 +28,7 @@ from zeggs_jax.stage.shapes import Station
 COLOURS = ("#c4674a", "#3f8f8a", "#4f79b8", "#cf9f3d", "#8a5c90", "#78994f", "#cc7790", "#64788e")
 """What the figures wear, in turn, on the page and in strips of poses."""
 
-SCRIPTS = ("motion", "webgl", "canvas", "main")
+SCRIPTS = ("motion", "webgl", "canvas", "captions", "main")
 
 Speech = str | Path | tuple[np.ndarray, float | int] | None
 
@@ -39,6 +40,9 @@ class Figure(NamedTuple):
     clip: Clip
     speech: Speech = None  # a sound file, or (samples [n] or [n, channels], rate in Hz), or none
     colour: str | None = None  # "#rrggbb"; else one of COLOURS, in turn
+    words: Sequence[tuple[str, float, float]] = ()  # (word, start, end), s: shown below the stage as they are spoken
+    cues: Sequence[tuple[float, str]] = ()  # (from this second on, what the body is asked for), in order
+    group: str = ""  # figures of several groups stand under tabs of these names
 
 
 def read_figure(clip: str | Path, speech: Speech = None) -> Figure:
@@ -52,7 +56,7 @@ def write(
     title: str = "Gestures",
     max_rate: float = 60.0,
 ) -> None:
-    """Write the page. Figures stand side by side with one clock and one camera; equal speech is stored once.
+    """Write the page. Figures of a group stand side by side with one clock and one camera; equal speech is stored once.
 
     Motion is stored as local quaternions and moving positions in 16 bits (fingertips within 0.5 mm), every
     n-th frame when a clip has more than `max_rate` frames a second. Raises ValueError without figures, with
@@ -66,9 +70,10 @@ def scene(figures: Sequence[Figure], max_rate: float = 60.0) -> dict[str, Any]:
     if not figures:
         raise ValueError("the player got no figures; give at least one clip to show.")
     tracks: dict[bytes, tuple[int, dict]] = {}
-    entries = []
-    for number, figure in enumerate(figures):
-        colour = figure.colour or COLOURS[number % len(COLOURS)]
+    entries, counts = [], Counter()
+    for figure in figures:
+        colour = figure.colour or COLOURS[counts[figure.group] % len(COLOURS)]
+        counts[figure.group] += 1
         entry = pack_figure(figure, max_rate) | {"colour": colour, "track": None}
         if figure.speech is not None:
             samples, rate = read_speech(figure.speech)
@@ -111,6 +116,9 @@ def pack_figure(figure: Figure, max_rate: float) -> dict[str, Any]:
     grain = max(float(np.abs(places - middle).max()), 1e-6) / 32767.0
     return {
         "label": figure.label,
+        "group": figure.group,
+        "words": [[text, round(start, 3), round(end, 3)] for text, start, end in figure.words],
+        "cues": [[round(time, 3), text] for time, text in figure.cues],
         "frames": len(clip.euler),
         "frameTime": clip.frame_time,
         "parents": list(skeleton.parents),

@@ -132,9 +132,11 @@ let changed = () => {};
 async function main() {
   const [figures, tracks] = await Promise.all([loadFigures(), Promise.all(scene.tracks.map(loadTrack))]);
   const clock = new Clock(Math.max(...figures.map(f => f.duration), ...tracks.map(t => t.seconds)));
-  const room = { tall: Math.max(...figures.map(f => f.tall)), wide: Math.max(...figures.map(f => f.wide)) };
+  const roomOf = some => ({ tall: Math.max(...some.map(f => f.tall)), wide: Math.max(...some.map(f => f.wide)) });
+  const room = roomOf(figures);
   const look = { dark: 0, line: [0, 0, 0] }, scheme = matchMedia("(prefers-color-scheme: dark)");
-  let dirty = true, cells = [], drawn = "", canvas = $("canvas"), renderer;
+  const groups = [...new Set(figures.map(f => f.group))], spoken = new Spoken($("words"));
+  let dirty = true, cells = [], drawn = "", shown = [...figures.keys()], heard = -1, canvas = $("canvas"), renderer;
   const redraw = () => { dirty = true; };
   const restyle = () => { look.dark = scheme.matches ? 1 : 0; look.line = scheme.matches ? [0.9, 0.9, 1] : [0.1, 0.1, 0.15]; drawWave(); redraw(); };
 
@@ -144,13 +146,25 @@ async function main() {
     const label = view.appendChild(document.createElement("div"));
     label.className = "label"; label.hidden = !figure.label;
     label.append(Object.assign(document.createElement("i"), { style: `background:${figure.colour}` }), Object.assign(document.createElement("span"), { textContent: figure.label }));
+    view.appendChild(Object.assign(document.createElement("div"), { className: "cue", hidden: !figure.cues.length }));
     return view;
   });
   const hear = i => {
     if (figures[i].track === null) return;
+    heard = i;
     clock.choose(tracks[figures[i].track]);
+    spoken.choose(figures[i].words);
     if (tracks.length > 1) views.forEach((view, k) => view.classList.toggle("heard", figures[k].track === figures[i].track));
     drawWave();
+  };
+  const choose = group => {                              // the figures of one tab
+    shown = [...figures.keys()].filter(i => figures[i].group === group);
+    views.forEach((view, i) => { view.hidden = !shown.includes(i); });
+    Object.assign(room, roomOf(shown.map(i => figures[i])));
+    const voiced = shown.includes(heard) ? heard : shown.find(i => figures[i].track !== null);
+    if (voiced === undefined) { clock.choose(null); spoken.choose(figures[shown[0]].words); }
+    else hear(voiced);
+    layout();
   };
 
   function pickRenderer() {
@@ -169,10 +183,10 @@ async function main() {
   }
 
   function layout() {
-    const { clientWidth: width, clientHeight: height } = $("stage"), columns = columnsFor(figures.length, width, height);
+    const { clientWidth: width, clientHeight: height } = $("stage"), columns = columnsFor(shown.length, width, height);
     $("views").style.gridTemplateColumns = `repeat(${columns}, minmax(0, 1fr))`;
     $("views").style.gridAutoRows = "minmax(0, 1fr)";
-    cells = views.map(v => ({ x: v.offsetLeft, y: v.offsetTop, w: v.offsetWidth, h: v.offsetHeight }));
+    cells = shown.map(i => views[i]).map(v => ({ x: v.offsetLeft, y: v.offsetTop, w: v.offsetWidth, h: v.offsetHeight }));
     drawWave(); redraw();
   }
 
@@ -188,8 +202,9 @@ async function main() {
     if ((dirty || state !== drawn) && renderer && cells.length) {
       const scale = Math.min(devicePixelRatio || 1, 2) * (clock.playing ? fine : 1), [w, h] = [canvas.clientWidth, canvas.clientHeight].map(v => Math.round(v * scale));
       if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
-      figures.forEach(figure => figure.pose(clock.time));
-      renderer.draw(figures.map((figure, i) => viewOf(figure, room, cells[i], scale, canvas, clock.time)), look);
+      const seen = shown.map(i => figures[i]);
+      seen.forEach(figure => figure.pose(clock.time));
+      renderer.draw(seen.map((figure, i) => viewOf(figure, room, cells[i], scale, canvas, clock.time)), look);
       showTime();
       dirty = false; drawn = state;
       root.dataset.ready = renderer.name;
@@ -205,6 +220,8 @@ async function main() {
     $("time").textContent = `${spell(tenth)}.${Math.round(tenth * 10) % 10}`;
     $("seek").value = clock.time;
     $("seek").setAttribute("aria-valuetext", `${clock.time.toFixed(1)} of ${clock.duration.toFixed(1)} seconds`);
+    spoken.show(clock.time);
+    shown.forEach(i => { if (figures[i].cues.length) views[i].lastChild.textContent = cueAt(figures[i].cues, clock.time); });
     drawWave();
   }
   let bars = null;
@@ -223,7 +240,9 @@ async function main() {
       const tall = Math.max(2 * scale, bar * (h - 6 * scale));
       context.fillRect(i * w / bars.length, (h - tall) / 2, 2 * scale, tall);
     });
-    context.globalAlpha = 1; context.fillStyle = style.getPropertyValue("--accent");
+    context.globalAlpha = 1; context.fillStyle = style.getPropertyValue("--ink");
+    for (const [from] of shown.flatMap(i => figures[i].cues.slice(1))) context.fillRect(from / clock.duration * w, 0, scale, h);
+    context.fillStyle = style.getPropertyValue("--accent");
     context.fillRect(Math.min(done * w, w - 2 * scale) - scale / 2, 2 * scale, 2 * scale, h - 4 * scale);
   }
 
@@ -279,7 +298,7 @@ async function main() {
     canvas.onpointerup = canvas.onpointercancel = event => {
       held.delete(event.pointerId);
       if (event.type === "pointerup" && moved < 4) {
-        const i = cells.findIndex(c => event.offsetX >= c.x && event.offsetX < c.x + c.w && event.offsetY >= c.y && event.offsetY < c.y + c.h);
+        const i = shown[cells.findIndex(c => event.offsetX >= c.x && event.offsetX < c.x + c.w && event.offsetY >= c.y && event.offsetY < c.y + c.h)];
         if (i >= 0 && tracks.length > 1 && tracks[figures[i].track] !== clock.track) hear(i); else toggle();
       }
     };
@@ -288,7 +307,7 @@ async function main() {
   }
 
   pickRenderer();
-  hear(Math.max(figures.findIndex(f => f.track !== null), 0));
+  makeTabs($("tabs"), groups, choose)();
   new ResizeObserver(layout).observe($("stage"));
   scheme.addEventListener("change", restyle);
   layout(); restyle(); changed();

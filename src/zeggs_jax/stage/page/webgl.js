@@ -85,7 +85,7 @@ class WebGLRenderer {
     this.caster = this.program(BODY_VERTEX, "#version 300 es\nprecision highp float;\nin vec3 vColour; out vec4 c; void main() { c = vec4(vColour, 1.0); }");
     this.floor = this.program(FLOOR_VERTEX, FLOOR_FRAGMENT);
     this.quad = this.mesh(new Float32Array([-1, -1, 1, -1, 1, 1, -1, 1]), [0, 2, 1, 0, 3, 2], [2]);
-    this.models = figures.map(figure => this.model(figure));
+    this.models = new Map(figures.map(figure => [figure, this.model(figure)]));
     this.makeShadow(1536);
   }
 
@@ -152,7 +152,7 @@ class WebGLRenderer {
     const gl = this.gl;
     gl.enable(gl.DEPTH_TEST); gl.enable(gl.SCISSOR_TEST);
     gl.disable(gl.SCISSOR_TEST); gl.clearColor(0, 0, 0, 0); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT); gl.enable(gl.SCISSOR_TEST);
-    views.forEach((view, i) => this.drawView(view, this.models[i], look));
+    views.forEach(view => this.drawView(view, this.models.get(view.figure), look));
   }
 
   drawView(view, model, look) {
