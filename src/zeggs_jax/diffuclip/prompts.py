@@ -208,8 +208,8 @@ def see(config: DiffuclipConfig, images: Float[Array, "V H W 3"], tower: Params 
         return images
     from . import clip
 
-    loaded = clip.load(clip.folder_of(config.prompts))
-    tower = loaded.params["image"] if tower is None else tower
+    loaded = clip.load(clip.folder_of(config.prompts), "image")
+    tower = loaded.params if tower is None else tower
     return jax.vmap(partial(clip.encode_image, tower, loaded.sizes))(images)
 
 

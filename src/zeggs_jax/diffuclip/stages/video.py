@@ -44,8 +44,8 @@ def stage(config: DiffuclipConfig, material: Material, params: dict[str, Params]
     if config.prompts.image == "clip":
         from .. import clip
 
-        loaded = clip.load(clip.folder_of(config.prompts))
-        tower, vector = loaded.params["image"], loaded.sizes.projection
+        loaded = clip.load(clip.folder_of(config.prompts), "image")
+        tower, vector = loaded.params, loaded.sizes.projection
     frozen = Frozen(params["prompts"], tower, material.motion_scale)
     loss = partial(loss_fn, config, material.skeleton)
     judge = jax.jit(lambda params, held, frozen: loss(params, held, _keys(0, len(held.mask)), None, frozen)[0])
