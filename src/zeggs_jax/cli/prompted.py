@@ -39,9 +39,10 @@ def demo(out: Path, speech: Path | None, transcript: Path | None, seed: int, che
             raise ValueError("--transcript was given without --speech; name the recording that it is of.")
         speech = g.bundled_speech()
         transcript = speech.with_suffix(".json")
+    samples, rate = player.read_speech(speech)
     prepare_folder(out)
     copy = out / f"speech{speech.suffix}"
-    planned = shots(transcript, seed)
+    planned = shots(transcript, len(samples) / rate, seed)
     outputs = (out / "index.html", copy, *(out / f"{shot.name}.bvh" for shot in planned))
     keep_inputs(outputs, tuple(str(path) for path in (speech, transcript) if path is not None))
     model = g.load_model(checkpoint) if checkpoint else g.bundled_model()
@@ -58,7 +59,7 @@ def demo(out: Path, speech: Path | None, transcript: Path | None, seed: int, che
     print(f"wrote {len(figures)} BVH files, their speech and a page; open {out / 'index.html'}")
 
 
-def shots(transcript: Path | None, seed: int) -> list[Shot]:
+def shots(transcript: Path | None, seconds: float, seed: int) -> list[Shot]:
     """What the demo shows: prompts of text, guidance, prompts that change, prompts for parts of the body."""
     from ..diffuclip.request import Request
 
@@ -68,7 +69,7 @@ def shots(transcript: Path | None, seed: int) -> list[Shot]:
         label = f"“{PROMPTS['happy']}”, guidance {scale:g}"
         asked = replace(plain, prompt=PROMPTS["happy"], scale=scale)
         made.append(Shot(f"guidance_{scale:g}", "Guidance", label, asked))
-    asked = replace(plain, timeline=_changing(transcript))
+    asked = replace(plain, timeline=_changing(transcript, seconds))
     made.append(Shot("sentences", "By the sentence", "a prompt for every sentence", asked))
     for upper, lower in (("happy", "old"), ("old", "happy"), ("angry", "sneaky")):
         asked = replace(plain, parts=(("upper", PROMPTS[upper]), ("lower", PROMPTS[lower])))
@@ -76,15 +77,16 @@ def shots(transcript: Path | None, seed: int) -> list[Shot]:
     return made
 
 
-def _changing(transcript: Path | None) -> Any:
+def _changing(transcript: Path | None, seconds: float) -> Any:
     """The prompts one after another, by the sentence; every five seconds of a speech whose words are not known."""
     from ..diffuclip import request as r
 
     texts = list(PROMPTS.values())
-    if transcript is None:
-        return tuple(r.Cue(5.0 * k, text) for k, text in enumerate(texts))
+    begun = [5.0 * k for k in range(int(seconds / 5.0) + 1)]
+    if transcript is not None:
+        begun = [sentence.start for sentence in r.spoken(transcript)]
     starts = [0.0]
-    for sentence in r.spoken(transcript)[1:]:
-        if sentence.start >= starts[-1] + SHORTEST_S:
-            starts.append(sentence.start)
+    for start in begun[1:]:
+        if starts[-1] + SHORTEST_S <= start <= seconds - SHORTEST_S:
+            starts.append(start)
     return tuple(r.Cue(start, texts[k % len(texts)]) for k, start in enumerate(starts))

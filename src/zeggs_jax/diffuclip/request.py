@@ -152,8 +152,8 @@ def embed(prompt: str, model: Model) -> tuple[Float[np.ndarray, " P"], tuple[str
     if kind == "video":
         from . import video
 
-        images = video.read(prompt, model.config.prompts.video_frames, model.config.prompts.pixels)
-        return np.asarray(prompts.encode_video(model.params["prompts"], model.config, images)), ()
+        pieces = video.read(prompt, model.config.prompts.video_frames, model.config.prompts.pixels)
+        return _middle([_watch(model.params["prompts"], model.config, images) for images in pieces]), ()
     if not prompt.strip():
         raise ValueError("the prompt is empty; say how the body moves, as in --prompt 'an old, tired person'.")
     with warnings.catch_warnings(record=True) as told:
@@ -184,12 +184,18 @@ def stretches(motion: Float[np.ndarray, "T D"], model: Model) -> Float[np.ndarra
     pieces = [motion[start : start + longest] for start in starts if start == 0 or len(motion) - start >= longest // 2]
     rows = [np.pad(piece, ((0, longest - len(piece)), (0, 0))) for piece in pieces]
     masks = [np.arange(longest) < len(piece) for piece in pieces]
-    found = [_encode(model.params["prompts"], model.config, row, mask) for row, mask in zip(rows, masks, strict=True)]
+    pairs = zip(rows, masks, strict=True)
+    return _middle([_encode(model.params["prompts"], model.config, row, mask) for row, mask in pairs])
+
+
+def _middle(found: Sequence[Any]) -> Float[np.ndarray, " P"]:
+    """The mean of prompts, of unit length."""
     mean = np.mean(np.asarray(found), axis=0)
     return (mean / np.linalg.norm(mean)).astype(np.float32)
 
 
 _encode = jax.jit(prompts.encode_motion, static_argnames="config")
+_watch = jax.jit(prompts.encode_video, static_argnames="config")
 
 
 def check_parts(request: Request, model: Model) -> None:
