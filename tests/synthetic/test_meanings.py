@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from zeggs_jax.motion import features
-from zeggs_jax.synthetic import body, gestures, lexicon, meanings, prosody, ranges, styles
+from zeggs_jax.synthetic import body, corpus, gestures, lexicon, meanings, prosody, ranges, styles
 
 FRAMES, WHEN = 128, 1.9
 TIMES = np.arange(0.5, 4.0, 0.35)
@@ -37,8 +37,6 @@ def hands(style: str, name: str) -> np.ndarray:
 
 
 def test_without_meanings_the_performance_is_as_it_always_was():
-    from zeggs_jax.synthetic import corpus
-
     example = corpus.style_clip("happy", 4.0, 30, 5)
     names = ("Spine", "RightArm", "LeftForeArm", "RightHandIndex2", "LeftLeg")
     expected = [[0.00912, 9e-05, -0.0094], [1.11878, 0.15883, 0.19931], [-3.14159, -1.38184, 2.95679],
@@ -88,9 +86,9 @@ def test_signs_are_smooth(style, name):
         assert np.abs(np.diff(speed)).max() * 30.0 < 9000.0
 
 
-def test_signs_differ_from_each_other_more_than_styles_change_them():
+def test_right_hands_differ_more_between_signs_than_between_styles():
     window = slice(round((WHEN - 0.1) * 30), round((WHEN + 0.8) * 30))
-    shapes = {(style, name): hands(style, name)[window] for style, name in EVERY}
+    shapes = {(style, name): hands(style, name)[window, 1] for style, name in EVERY}
     for style, name in EVERY:
         ways = {
             other: np.mean([np.abs(shapes[style, name] - shapes[s, other]).mean() for s in EXTREME if s != style])
@@ -105,7 +103,8 @@ def test_what_the_hands_say():
     apart = {name: place[name][0, 0] - place[name][1, 0] for name in ("big", "small")}
     assert apart["big"] > apart["small"] + 50.0
     assert place["up"][1, 1] > 30.0 > place["down"][1, 1] + 60.0
-    assert place["you"][1, 2] > 45.0 and place["me"][1, 2] < 20.0
+    assert place["you"][1, 2] > 45.0
+    assert place["me"][1, 2] < 20.0
     assert -place["far"][1, 0] > 30.0
 
 
@@ -133,7 +132,6 @@ def test_lower_halves_are_of_their_own_style():
     mixed = gestures.perform(HEARD, happy, FRAMES, lower=sneaky)
     skeleton = body.rest_skeleton()
     legs = [j for j, name in enumerate(skeleton.names) if "Leg" in name or "Foot" in name]
-    arms = [j for j, name in enumerate(skeleton.names) if "Arm" in name or "Hand" in name]
     below = gestures.perform(HEARD, sneaky, FRAMES)
     np.testing.assert_allclose(mixed.positions[:, 0], below.positions[:, 0], atol=1e-3)
     np.testing.assert_allclose(mixed.euler[:, legs], below.euler[:, legs], atol=1e-3)
@@ -141,4 +139,4 @@ def test_lower_halves_are_of_their_own_style():
     np.testing.assert_allclose(mixed.euler[:, chest, 0], clip("happy", "").euler[:, chest, 0], atol=0.05)
     wrists = np.asarray(features.world_positions(mixed))[:, [skeleton.index("RightHand"), skeleton.index("RightArm")]]
     np.testing.assert_allclose(wrists[:, 0] - wrists[:, 1], hands("happy", "")[:, 1], atol=2.5)
-    assert ranges.joints_outside_range(mixed) == {} and arms
+    assert ranges.joints_outside_range(mixed) == {}

@@ -20,16 +20,17 @@ def semantic_weights(said: Sequence[Said], frames: int, rate_hz: float | int) ->
 
 
 def srgr(
-    made: Float[np.ndarray, "T J 3"],
-    truth: Float[np.ndarray, "T J 3"],
-    weights: Float[np.ndarray, " T"],
+    made: Float[np.ndarray, "_ _ 3"],
+    truth: Float[np.ndarray, "_ _ 3"],
+    weights: Float[np.ndarray, " _"],
     threshold: float | int = THRESHOLD_CM,
 ) -> float:
     """Semantic-relevance gesture recall (BEAT, Liu et al. 2022): PCK weighted by the semantic score, 0..1.
 
-    The share of joints that are within `threshold` cm of the truth's (Euclidean, relative to the first joint), mean
-    over frames weighted by `weights`. The truth gets 1. Releases of BEAT's code differ in norm, unit and factor, so
-    numbers compare only with numbers of this function.
+    Both motions are places of the same joints in the same frames, [T, J, 3] in cm; the scores are [T]. The share of
+    joints that are within `threshold` cm of the truth's (Euclidean, relative to the first joint), mean over frames
+    weighted by `weights`. The truth gets 1. Releases of BEAT's code differ in norm, unit and factor, so numbers compare
+    only with numbers of this function.
 
     Raises:
         ValueError: other shapes, weights that are negative or all 0.

@@ -170,7 +170,7 @@ def _words(style: str | StyleFactors, draw: np.random.Generator, synonym: bool) 
         if not synonym and draw.random() < 0.15:
             return " and ".join(str(w) for w in draw.choice(chosen, 2, replace=False))
         return str(draw.choice(chosen))
-    (first, near), (second, further) = nearest(StyleFactors(*style))[:2]
+    (first, near), (second, further) = nearest(_factors(style))[:2]
     pick = {w: str(draw.choice(WORDINGS[w].held_out if synonym else WORDINGS[w].words)) for w in (first, second)}
     if near < SLIGHT * further:
         return f"slightly {pick[first]}"
@@ -182,9 +182,13 @@ def _looks(style: str | StyleFactors, draw: np.random.Generator) -> str:
     name = _name(style)
     if name is not None and draw.random() < 0.7:
         return str(draw.choice(WORDINGS[name].looks))
-    seen = list(posture(styles.find(style) if isinstance(style, str) else style))[:4] or ["an upright body"]
+    seen = list(posture(_factors(style)))[:4] or ["an upright body"]
     count = min(len(seen), int(draw.integers(2, 4)))
     return ", ".join(seen[k] for k in sorted(draw.choice(len(seen), count, replace=False)))
+
+
+def _factors(style: str | StyleFactors) -> StyleFactors:
+    return styles.find(style) if isinstance(style, str) else style
 
 
 def _name(style: str | StyleFactors) -> str | None:

@@ -20,6 +20,8 @@ LEAD = 0.16  # s of the stroke before the nucleus
 RELEASE = 0.65  # s
 ROUNDABOUT = 7.0  # cm, hands pass that much further forward on their way, round the body
 Goal = tuple[float, float, float, float, float]  # outward, up, forward (cm from the shoulder), palm, curl (rad)
+Way = tuple[float, float, float]  # outward, up, forward, cm
+NOWHERE: Way = (0.0, 0.0, 0.0)
 
 
 class Sign(NamedTuple):
@@ -31,7 +33,7 @@ class Sign(NamedTuple):
     hold: float = 0.35  # s after the stroke
     wrist: tuple[float, float] = (-0.08, -0.08)  # rad, flexion (negative: bent back)
     point: tuple[float, float] = (0.0, 0.0)  # 1 stretches the index finger
-    swing: tuple[tuple[float, float, float], tuple[float, float, float]] = ((0.0,) * 3, (0.0,) * 3)  # cm to and fro
+    swing: tuple[Way, Way] = (NOWHERE, NOWHERE)  # cm to and fro
     turns: float = 0.0  # periods of the swing (of hands and head) from the stroke on
     circle: float = 0.0  # cm, radius of a ring drawn in the frontal plane: the two hands draw a half each
     nod: float = 0.0  # rad, dip of the head to and fro
@@ -40,7 +42,8 @@ class Sign(NamedTuple):
 
 
 def _both(outward: float, up: float, forward: float, palm: float, curl: float) -> tuple[Goal, Goal]:
-    return ((outward, up, forward, palm, curl),) * 2
+    goal = (outward, up, forward, palm, curl)
+    return goal, goal
 
 
 SIGNS: Mapping[str, Sign] = MappingProxyType(
@@ -61,11 +64,11 @@ SIGNS: Mapping[str, Sign] = MappingProxyType(
         ),
         "no": Sign(
             _both(6.0, -2.0, 38.0, -0.4, 0.5), _both(9.0, 0.0, 40.0, -0.6, 0.15), (0.0, 1.0), wrist=(-0.08, -0.6),
-            swing=((0.0, 0.0, 0.0), (11.0, 0.0, 0.0)), turns=2.5, shake=0.30, hold=0.9,
+            swing=(NOWHERE, (11.0, 0.0, 0.0)), turns=2.5, shake=0.30, hold=0.9,
         ),
         "yes": Sign(
             _both(6.0, -20.0, 34.0, 0.0, 1.2), _both(5.0, -27.0, 38.0, 0.0, 1.3), (0.0, 1.0),
-            swing=((0.0, 0.0, 0.0), (0.0, 8.0, 0.0)), turns=2.5, nod=0.34, hold=0.9,
+            swing=(NOWHERE, (0.0, 8.0, 0.0)), turns=2.5, nod=0.34, hold=0.9,
         ),
         "stop": Sign(_both(5.0, -6.0, 28.0, -0.8, 0.1), _both(3.0, 3.0, 47.0, -1.0, 0.05), wrist=(-1.1, -1.1), hold=0.55),
     }
