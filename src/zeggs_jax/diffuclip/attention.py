@@ -60,7 +60,7 @@ class CausalAttention(nn.Module):
     ) -> tuple[Float[Array, "L E"], Past]:
         length, width = x.shape
         stacked = Dense(3 * width, gain=1.0, zero_bias=True, name="project_in")(x)
-        query, key, value = (a.reshape(length, self.heads, -1) for a in jnp.split(stacked, 3, axis=-1))
+        query, key, value = (a.reshape(length, self.heads, width // self.heads) for a in jnp.split(stacked, 3, axis=-1))
         query, own = rotate(query, at), Past(rotate(key, at), value)
         keys, values, open_ = own.keys, own.values, jnp.tril(jnp.ones((length, length), bool))
         if past is not None and seen is not None:
@@ -85,9 +85,10 @@ class SemanticsAttention(nn.Module):
     @nn.compact
     def __call__(self, x: Float[Array, "L E"], at: Float[Array, " L"], words: Words) -> Float[Array, "L E"]:
         length, width = x.shape
-        query = Dense(width, gain=1.0, zero_bias=True, name="queries")(x).reshape(length, self.heads, -1)
+        query = Dense(width, gain=1.0, zero_bias=True, name="queries")(x)
+        query = query.reshape(length, self.heads, width // self.heads)
         stacked = Dense(2 * width, gain=1.0, zero_bias=True, name="keys_values")(words.vectors)
-        key, value = (a.reshape(len(words.mask), self.heads, -1) for a in jnp.split(stacked, 2, axis=-1))
+        key, value = (a.reshape(len(words.mask), *query.shape[1:]) for a in jnp.split(stacked, 2, axis=-1))
         if self.timed:
             query, key = rotate(query, at), rotate(key, words.times)
         scores = jnp.einsum("qhd,khd->hqk", query, key) / math.sqrt(query.shape[-1])

@@ -6,7 +6,7 @@ the future (gap 8). Without a prompt its gamma is 1 and its beta 0 exactly.
 """
 
 import math
-from functools import lru_cache
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -45,11 +45,11 @@ class Memory(NamedTuple):
     seen: Bool[Array, " P"]  # which of them are there
 
 
+@partial(jax.jit, static_argnames="config")
 def init(key: Array, config: DiffuclipConfig) -> Any:
     """Drawn parameters, a plain dict."""
-    length, told = 1, nothing(config, 1)
-    z = jnp.zeros((length, config.latent_size))
-    return _network(config).init(key, z, jnp.zeros(length), told, jnp.zeros(length))["params"]
+    z, level = jnp.zeros((1, config.latent_size)), jnp.zeros(1)
+    return Denoiser(config).init(key, z, level, nothing(config, 1), level)["params"]
 
 
 def nothing(config: DiffuclipConfig, latents: int) -> Conditions:
@@ -138,7 +138,7 @@ def _run(
         )
     level = jnp.broadcast_to(jnp.asarray(level, jnp.float32), (latents,))
     rngs = None if key is None else {"dropout": key}
-    found: Any = _network(config).apply(
+    found: Any = Denoiser(config).apply(
         {"params": params}, noisy, level, conditions, at, memory, key is None, rngs=rngs
     )
     made, layers = found
@@ -146,11 +146,6 @@ def _run(
         return made, layers
     schedule = diffusion.schedule(config.diffusion)
     return diffusion.noise_of(schedule, noisy, made, level), layers
-
-
-@lru_cache(maxsize=8)
-def _network(config: DiffuclipConfig) -> "Denoiser":
-    return Denoiser(config)
 
 
 def _sinusoids(x: Float[Array, " L"], channels: int) -> Float[Array, "L channels"]:

@@ -54,8 +54,8 @@ def onsets(wave: Float[np.ndarray, " n"]) -> Float32[np.ndarray, " F"]:
 
 
 def _strongest(strength: Float[np.ndarray, " F"], latents_hz: float, count: int) -> Float32[np.ndarray, " L"]:
-    """The greatest strength of each latent; a rise belongs to the samples that have just come into the window."""
-    at = np.arange(len(strength)) * SOUND.hop + SOUND.window // 2 - SOUND.hop
+    """The greatest strength of each latent; a rise is of the samples that have just come into the window."""
+    at = np.arange(len(strength)) * SOUND.hop + (SOUND.window - SOUND.hop) // 2
     latent = np.floor(at * (latents_hz / SOUND.rate_hz)).astype(int)
     kept = np.zeros(count, np.float32)
     inside = latent < count
