@@ -188,8 +188,8 @@ def report(heard: Heard, guess: np.ndarray) -> str:
     if any(heard.meant):
         right, chance, count = same_meaning(heard)
         parts.append(
-            f"Of {count} gestures with one meaning, {100 * right:.0f} % find a sentence of the same meaning first, their "
-            f"own left out (chance {100 * chance:.0f} %)."
+            f"Of {count} gestures with one meaning, {100 * right:.0f} % find a sentence of the same meaning first, "
+            f"their own left out (chance {100 * chance:.0f} %)."
         )
         parts.append(_saliency_table(heard))
         parts.append(_found_table(heard))
