@@ -193,7 +193,7 @@ def presence(
         name: float(np.mean([right for meaning, right, _ in hits if meaning == name]))
         for name in sorted({meaning for meaning, *_ in hits})
     }
-    share, chance = (float(np.mean([hit[k] for hit in hits])) for k in (1, 2))
+    share, chance = float(np.mean([right for _, right, _ in hits])), float(np.mean([other for *_, other in hits]))
     return Presence(share, chance, of_meaning, len(hits))
 
 

@@ -22,6 +22,7 @@ ROUNDABOUT = 7.0  # cm, hands pass that much further forward on their way, round
 Goal = tuple[float, float, float, float, float]  # outward, up, forward (cm from the shoulder), palm, curl (rad)
 Way = tuple[float, float, float]  # outward, up, forward, cm
 NOWHERE: Way = (0.0, 0.0, 0.0)
+RIGHT = (0.0, 1.0)  # the right hand only
 
 
 class Sign(NamedTuple):
@@ -51,26 +52,30 @@ SIGNS: Mapping[str, Sign] = MappingProxyType(
         "big": Sign(_both(2.0, -14.0, 34.0, 0.0, 0.25), _both(36.0, -8.0, 27.0, 0.1, 0.1), hold=0.45),
         "small": Sign(_both(8.0, -4.0, 36.0, 0.0, 0.4), _both(-1.5, -6.0, 38.0, 0.0, 0.75), hold=0.45, look=0.1),
         "round": Sign(_both(0.0, 6.0, 36.0, -0.2, 0.35), _both(0.0, -28.0, 36.0, 0.5, 0.35), circle=19.0, hold=0.25),
-        "up": Sign(_both(8.0, -8.0, 34.0, -0.2, 0.5), _both(9.0, 44.0, 18.0, -0.2, 0.5), (0.0, 1.0), point=(0.0, 1.0), look=-0.3),
-        "down": Sign(_both(9.0, -4.0, 32.0, -1.0, 0.15), _both(11.0, -42.0, 26.0, -1.0, 0.12), wrist=(-0.6, -0.6), look=0.2),
-        "far": Sign(
-            _both(-2.0, -6.0, 32.0, -0.6, 0.6), _both(40.0, 10.0, 30.0, -0.6, 0.6), (0.0, 1.0), point=(0.0, 1.0), hold=0.5
+        "up": Sign(_both(8.0, -8.0, 34.0, -0.2, 0.5), _both(9.0, 44.0, 18.0, -0.2, 0.5), RIGHT, point=RIGHT, look=-0.3),
+        "down": Sign(
+            _both(9.0, -4.0, 32.0, -1.0, 0.15), _both(11.0, -42.0, 26.0, -1.0, 0.12), wrist=(-0.6, -0.6), look=0.2,
         ),
-        "you": Sign(_both(3.0, -16.0, 26.0, -0.3, 0.7), _both(0.0, -5.0, 52.0, -0.3, 0.9), (0.0, 1.0), point=(0.0, 1.0)),
-        "me": Sign(_both(2.0, -16.0, 24.0, 0.0, 0.3), _both(-11.0, -17.0, 15.0, 0.0, 0.2), (0.0, 1.0), hold=0.45, look=0.08),
+        "far": Sign(
+            _both(-2.0, -6.0, 32.0, -0.6, 0.6), _both(40.0, 10.0, 30.0, -0.6, 0.6), RIGHT, point=RIGHT, hold=0.5
+        ),
+        "you": Sign(_both(3.0, -16.0, 26.0, -0.3, 0.7), _both(0.0, -5.0, 52.0, -0.3, 0.9), RIGHT, point=RIGHT),
+        "me": Sign(_both(2.0, -16.0, 24.0, 0.0, 0.3), _both(-11.0, -17.0, 15.0, 0.0, 0.2), RIGHT, hold=0.45, look=0.08),
         "many": Sign(
             _both(2.0, -16.0, 36.0, 0.9, 0.25), _both(15.0, -20.0, 36.0, 1.1, 0.15),
             swing=((3.0, -9.0, 0.0), (3.0, 9.0, 0.0)), turns=2.0, hold=0.9,
         ),
         "no": Sign(
-            _both(6.0, -2.0, 38.0, -0.4, 0.5), _both(9.0, 0.0, 40.0, -0.6, 0.15), (0.0, 1.0), wrist=(-0.08, -0.6),
+            _both(6.0, -2.0, 38.0, -0.4, 0.5), _both(9.0, 0.0, 40.0, -0.6, 0.15), RIGHT, wrist=(-0.08, -0.6),
             swing=(NOWHERE, (11.0, 0.0, 0.0)), turns=2.5, shake=0.30, hold=0.9,
         ),
         "yes": Sign(
-            _both(6.0, -20.0, 34.0, 0.0, 1.2), _both(5.0, -27.0, 38.0, 0.0, 1.3), (0.0, 1.0),
+            _both(6.0, -20.0, 34.0, 0.0, 1.2), _both(5.0, -27.0, 38.0, 0.0, 1.3), RIGHT,
             swing=(NOWHERE, (0.0, 8.0, 0.0)), turns=2.5, nod=0.34, hold=0.9,
         ),
-        "stop": Sign(_both(5.0, -6.0, 28.0, -0.8, 0.1), _both(3.0, 3.0, 47.0, -1.0, 0.05), wrist=(-1.1, -1.1), hold=0.55),
+        "stop": Sign(
+            _both(5.0, -6.0, 28.0, -0.8, 0.1), _both(3.0, 3.0, 47.0, -1.0, 0.05), wrist=(-1.1, -1.1), hold=0.55,
+        ),
     }
 )  # fmt: skip
 
