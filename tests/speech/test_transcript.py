@@ -58,6 +58,47 @@ def short_grid(name: str = "speaker - words") -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
+SRT = """1
+00:00:00,250 --> 00:00:00,500
+<i>Hello</i>
+
+2
+00:00:00,500 --> 00:00:01,000 X1:40 X2:600
+{\\an8}there.
+
+3
+00:00:01,000 --> 00:00:02,000
+♪ [music] ♪
+
+4
+00:00:02,000 --> 00:00:02,125
+- I
+5
+00:00:02,125 --> 00:00:03,000
+go!
+"""
+VTT = """WEBVTT - a talk
+
+STYLE
+::cue { color: red }
+
+NOTE nothing of this is said
+
+00:00.250 --> 00:00.500 align:start
+<v Ann>Hello
+
+first
+00:00:00.500 --> 00:00:01.000
+there.
+
+00:02.000 --> 00:02.125
+I
+
+00:02.125 --> 00:03.000
+go!
+
+NOTE the end
+"""
 FILES = {
     "corpus.json": json.dumps({"style": "old", "words": [one | {"stressed": True} for one in objects()]}),
     "list.json": json.dumps(objects("word")),
@@ -67,6 +108,8 @@ FILES = {
     "genea.tsv": "".join(f"{word.start}\t{word.end}\t{word.text}\n" for word in WORDS),
     "long.TextGrid": long_grid(),
     "short.TextGrid": short_grid(),
+    "words.srt": SRT,
+    "words.vtt": VTT,
 }
 
 
@@ -96,6 +139,8 @@ def test_words_without_times_lie_between_their_neighbours(tmp_path):
     [
         ("a.tsv", "start\tend\ttext\n1000\t3000\tab cdef.\n"),
         ("a.json", json.dumps({"segments": [{"start": 1, "end": 3, "text": " ab cdef."}]})),
+        ("a.srt", "1\n00:00:01,000 --> 00:00:03,000\nab\ncdef.\n"),
+        ("a.vtt", "WEBVTT\r\n\r\n00:01.000 --> 00:03.000\r\nab <b>cdef.</b>\r\n"),
     ],
 )
 def test_words_of_a_timed_segment_share_its_time_by_their_letters(tmp_path, name, content):
@@ -149,7 +194,11 @@ def test_no_words_are_no_sentences():
         ("a.TextGrid", long_grid()[:600], "has no timed words in a known form"),
         ("a.TextGrid", long_grid().replace('"words"', '"phones"').replace("Text" + "Tier", "IntervalTier"), "known"),
         ("a.TextGrid", short_grid().replace('"IntervalTier"', '"TextTier"'), "tiers none|known form"),
-        ("a.srt", "1", "is no transcript that can be read; give .json"),
+        ("a.doc", "1", "is no transcript that can be read; give .json"),
+        ("a.srt", "1", "there are no captions in it"),
+        ("a.srt", "1\n00:00:01,000 --> 2 s\nhello\n", "line 2 is not a caption's times"),
+        ("a.vtt", "WEBVTT\n\n00:01.000 --> 00:02.000\n[music]\n", "there are no words in it"),
+        ("a.srt", "1\n00:00:02,000 --> 00:00:01,000\nhello\n", "lasts from 2 to 1 s"),
     ],
 )
 def test_a_broken_transcript_is_one_sentence(tmp_path, name, content, told):

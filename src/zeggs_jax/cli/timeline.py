@@ -38,7 +38,7 @@ def timeline(
         intensity: Of the styles of --put: 0 is the mean of all styles, 1 the style, above 1 exaggerated.
         shift: Move everything by so many seconds, before anything is put.
         stretch: Multiply all times by this, before anything is put.
-        transcript: Make a new timeline from the sentences of these timed words: .json, .tsv or .TextGrid.
+        transcript: Make a new timeline from the sentences of these timed words: .json, .srt, .vtt, .tsv or .TextGrid.
         styles: The styles of the sentences, in turn; or for single sentences, numbered from 0, as in 0=neutral 3=happy.
         out: Write to this file and leave FILE as it is.
     """

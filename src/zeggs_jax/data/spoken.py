@@ -11,7 +11,7 @@ from zeggs_jax.data.recorded import Recorded, read_notes
 from zeggs_jax.speech import features, transcript, wav
 from zeggs_jax.speech.transcript import Word
 
-TIMED = (".json", ".tsv", ".TextGrid")  # transcripts that may hold times
+TIMED = (".json", ".srt", ".vtt", ".tsv", ".TextGrid")  # transcripts that may hold times
 LOUD_RATE_HZ = 100.0  # at which the loudest moment of a word is found
 
 

@@ -1,4 +1,4 @@
-"""What was said and when: timed words from JSON, TSV or TextGrid files, and the sentences they make."""
+"""What was said and when: timed words from JSON, TSV, TextGrid or subtitle files, and the sentences they make."""
 
 import json
 import math
@@ -7,11 +7,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from . import subtitles
+
 PAUSE_S = 0.6  # between sentences, where nothing is punctuated
 ENDS = (".", "!", "?", "…", "。", "！", "？")
 CLOSING = "\"'”’»)]"
 SILENCES = ("", "sil", "sp", "spn", "<eps>", "<sil>", "<p:>", "[silence]")  # labels of aligners that are no words
-FORMS = ".json (a corpus' or Whisper's), .tsv (start, end, word) or .TextGrid"
+FORMS = ".json (a corpus' or Whisper's), .srt, .vtt, .tsv (start, end, word) or .TextGrid"
 
 
 class Word(NamedTuple):
@@ -48,15 +50,15 @@ def read(path: str | Path) -> tuple[Word, ...]:
 
     Read are: JSON with "words" (text or word, start, end), as a synthetic corpus and aligners have it, or with
     "segments" (Whisper, WhisperX); TSV with start, end and word in seconds (GENEA), or Whisper's in milliseconds (it
-    has a head line); TextGrids of Praat in either text form, from a tier called "words" or the only one. Where only
-    segments are timed, their words share the time by their numbers of letters.
+    has a head line); TextGrids of Praat in either text form, from a tier called "words" or the only one; subtitles
+    (SubRip, WebVTT). Where only segments or captions are timed, their words share the time by their numbers of letters.
 
     Raises:
         ValueError, OSError: no such file, another format, no words, times that are negative, no numbers or
             not in order.
     """
     path = Path(path)
-    kinds = {".json": _json, ".tsv": _tsv, ".txt": _tsv, ".textgrid": _textgrid}
+    kinds = {".json": _json, ".tsv": _tsv, ".txt": _tsv, ".textgrid": _textgrid, ".srt": _shown, ".vtt": _shown}
     if path.suffix.lower() not in kinds:
         raise ValueError(f"'{path}' is no transcript that can be read; give {FORMS}.")
     if not path.is_file():
@@ -135,6 +137,10 @@ def _shared(text: str, start: float, end: float) -> list[Word]:
     until = [sum(len(one) for one in labels[:k]) for k in range(len(labels) + 1)]
     at = [start + (end - start) * letters / max(until[-1], 1) for letters in until]
     return [Word(label, *span) for label, *span in zip(labels, at[:-1], at[1:], strict=True)]
+
+
+def _shown(text: str) -> list[Word]:
+    return [word for caption in subtitles.captions(text) for word in _shared(*caption)]
 
 
 def _tsv(text: str) -> list[Word]:
