@@ -188,12 +188,12 @@ SMALL = DiffuclipConfig(
         video_width=64, video_layers=2, video_heads=4,
     ),
     denoiser=DenoiserConfig(128, 4, 4, output="velocity"),
-    diffusion=DiffusionConfig(short_steps=0, captioned=0.25, perceptual=0.25),
+    diffusion=DiffusionConfig(short_steps=0, captioned=0.25, perceptual=0.125),
     learn_codes=StageConfig(4000, 32, 5e-4, 200, seconds=2.14, ema=0.99),
     learn_gestures=StageConfig(1000, 32, 5e-4, 100, seconds=8.0),
-    learn_joint=StageConfig(1200, 64, 5e-4, 100, seconds=8.0),
-    learn_prompts=StageConfig(1500, 64, 5e-4, 100, seconds=6.0),
+    learn_joint=StageConfig(800, 48, 5e-4, 100, seconds=8.0),
+    learn_prompts=StageConfig(1200, 64, 5e-4, 100, seconds=6.0),
     learn_video=StageConfig(1500, 16, 5e-4, 100, seconds=6.0),
-    learn_denoiser=StageConfig(6000, 32, 5e-4, 300, seconds=6.4, ema=0.999),
+    learn_denoiser=StageConfig(5500, 32, 5e-4, 300, seconds=6.4, ema=0.999),
 )  # fmt: skip
 """The bundled model's settings: every part of the paper's system, small enough to train on two CPU cores."""
