@@ -69,6 +69,8 @@ def test_posture_is_seen_in_the_factors():
 def test_grammar_of_articles():
     texts = {captions.captions(name, seed) for name in ("old", "angry", "happy") for seed in SEEDS}
     assert not [text for text in texts if re.search(r"\ba [aeio]", text) or re.search(r"\ban [^aeio]", text)]
+    texts = {captions.mixed("old", "angry", seed) for seed in SEEDS}
+    assert not [text for text in texts if re.search(r"\ba [aeio]", text)]
     points = [captions.captions(styles.random_style(k), k, held_out=held) for k in SEEDS for held in (True, False)]
     assert not [text for text in points if re.search(r"\ban? (between|half)", text)]
 

@@ -135,7 +135,7 @@ def mixed(
     """A caption of a body whose halves are of two styles."""
     draw = np.random.default_rng([seed, 71])
     template = str(draw.choice(HELD_OUT_MIXED if held_out else MIXED))
-    return template.format(_words(upper, draw, synonym), _words(lower, draw, synonym))
+    return _articles(template.format(_words(upper, draw, synonym), _words(lower, draw, synonym)))
 
 
 def nearest(style: StyleFactors) -> list[tuple[str, float]]:
@@ -200,10 +200,12 @@ def _name(style: str | StyleFactors) -> str | None:
 
 
 def _fill(templates: Sequence[str], words: str, draw: np.random.Generator) -> str:
-    """One of the templates with its words; 'a' before a vowel becomes 'an', and 'between' and 'half' get no article."""
+    """One of the templates with its words; 'between' and 'half' get no article."""
     bare = words.startswith(("between", "half"))
     template = str(draw.choice([one for one in templates if not (bare and re.search(r"(\ba |^)\{\}", one))]))
-    text = template.format(words)
-    if words[0] in "aeiou":
-        text = f" {text}".replace(f" a {words}", f" an {words}", 1)[1:]
-    return text
+    return _articles(template.format(words))
+
+
+def _articles(text: str) -> str:
+    """'an' before vowels."""
+    return re.sub(r"\ba (?=[aeiou])", "an ", text)

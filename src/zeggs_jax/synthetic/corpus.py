@@ -3,8 +3,9 @@
 import csv
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -154,26 +155,27 @@ def told(take: Take, spoken: Recording) -> dict[str, object]:
     """What a clip with meanings tells besides: its captions, its meanings, the style of its lower half."""
     below = take.lower.factors if take.lower else take.factors
 
-    def say(seed: int, **unseen: bool) -> str:
-        seed += 1000 * take.seed
+    def whole(seed: int, **unseen: bool) -> str:
         if take.lower:
             return captions.mixed(take.factors, below, seed, **unseen)
         return captions.captions(take.factors, seed, **unseen)
 
+    first = 1000 * take.seed
     meanings: list[object] = [one._asdict() for one in performed(take, spoken)]
-    upper, lower = (
-        [captions.half(f, side, take.seed + k) for k in range(3)]
-        for f, side in zip((take.factors, below), captions.HALVES, strict=True)
-    )
     return {
-        "captions": [say(k) for k in range(8)],
-        "held_out_captions": [say(k, held_out=True) for k in range(100, 104)],
-        "synonym_captions": [say(k, synonym=True) for k in range(200, 204)],
-        "upper_captions": upper,
-        "lower_captions": lower,
+        "captions": _distinct(whole, first, 8),
+        "held_out_captions": _distinct(partial(whole, held_out=True), first + 100, 4),
+        "synonym_captions": _distinct(partial(whole, synonym=True), first + 200, 4),
+        "upper_captions": _distinct(partial(captions.half, take.factors, "upper"), first + 300, 3),
+        "lower_captions": _distinct(partial(captions.half, below, "lower"), first + 400, 3),
         "meanings": meanings,
         "lower": {"style": take.lower.style if take.lower else take.style, "factors": below._asdict()},
     }
+
+
+def _distinct(say: Callable[[int], str], first: int, count: int) -> list[str]:
+    """`count` different captions, fewer where forty seeds have not as many."""
+    return list(dict.fromkeys(say(first + k) for k in range(40)))[:count]
 
 
 def write_index(folder: str | Path, takes: Sequence[Take]) -> None:
