@@ -5,37 +5,28 @@ hashed words that is trained with the motion encoder; "sentences", a small netwo
 encoder (MiniLM, extra `prompts`), for wordings that no caption of the corpus has. Videos: video_encoder.py.
 """
 
-import importlib.util
 import warnings
-import zlib
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import linen as nn
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Float32, Int32
 
 from ..motion.skeleton import Skeleton
 from ..nn.attention import positions
 from ..nn.layers import Dense
-from . import bert, joint_embedding, minilm, tokens, video_encoder
+from . import bert, clip, joint_embedding, minilm, tokens, video_encoder, wording
 from .config import DiffuclipConfig, JointConfig, PromptsConfig
 from .joint_embedding import unit
+from .wording import Hashed, Head
 
 Params = Any
-Head = Literal["clip", "words", "sentences"]
-LONGEST = 48  # words of a text that the head "words" reads
 TEXT_LAYERS = 2  # of the head "words"
-
-
-class Hashed(NamedTuple):
-    """A text as the head "words" reads it."""
-
-    ids: Int32[np.ndarray, "*b S 16"]
-    mask: Bool[np.ndarray, "*b S"]
 
 
 class MotionEncoder(nn.Module):
@@ -106,8 +97,8 @@ def init(key: Array, config: DiffuclipConfig, skeleton: Skeleton) -> Params:
 def encode_motion(
     params: Params,
     config: DiffuclipConfig,
-    motion: Float[Array, "N D"],
-    mask: Bool[Array, " N"],
+    motion: Float[ArrayLike, "N D"],
+    mask: Bool[ArrayLike, " N"],
     key: Array | None = None,
 ) -> Float[Array, " size"]:
     """The prompt that a scaled motion is, of unit length; `mask` is True up to its end. With a key: dropout."""
@@ -117,9 +108,9 @@ def encode_motion(
 
 
 def encode_text(
-    params: Params, config: DiffuclipConfig, features: Hashed | Float[Array, " V"], key: Array | None = None
+    params: Params, config: DiffuclipConfig, features: Hashed | Float[ArrayLike, " V"], key: Array | None = None
 ) -> Float[Array, " size"]:
-    """The prompt that one text is, of unit length, from its `text_features`. With a key: dropout."""
+    """The prompt that one text is, of unit length, from its `wording.features`. With a key: dropout."""
     rngs = None if key is None else {"dropout": key}
     if isinstance(features, Hashed):
         ids, mask = map(jnp.asarray, features)
@@ -132,44 +123,11 @@ def encode_text(
     return jnp.asarray(made)
 
 
-def text_features(texts: Sequence[str], config: DiffuclipConfig, head: Head) -> Hashed | Float32[np.ndarray, "K V"]:
-    """What a head reads of each text: hashed words [K, S, 16] and their mask [K, S], or vectors of CLIP or MiniLM.
-
-    A text that is too long is cut with a warning.
-
-    Raises:
-        ValueError: an empty text; no folder with CLIP, or one of another size.
-        ImportError: the extra `prompts` is missing.
-    """
-    for text in texts:
-        if not any(letter.isalnum() for letter in text):
-            raise ValueError(f"the prompt {text!r} has no words; describe how the body moves, 'an old, tired person'.")
-    if head == "words":
-        rows = [_hash(text) for text in texts]
-        return Hashed(*(np.stack(leaf) for leaf in zip(*rows, strict=True)))
-    if head == "sentences":
-        return np.asarray(minilm.embed(list(texts)), np.float32)
-    from . import clip
-
-    vectors = clip.embed_texts(clip.folder_of(config.prompts), texts)
-    if vectors.shape[1] != config.prompts.size:
-        raise ValueError(
-            f"this CLIP's vectors have {vectors.shape[1]} numbers, the prompt space {config.prompts.size}: "
-            "set prompts.size to CLIP's."
-        )
-    return vectors
-
-
-def installed() -> bool:
-    """Is MiniLM here, which the head "sentences" stands on?"""
-    return all(importlib.util.find_spec(package) for package in (minilm.PACKAGE, "tokenizers"))
-
-
 def best_head(params: Params, config: DiffuclipConfig) -> Head:
     """The head for free wording: CLIP's; MiniLM's where it was trained and is installed; else that of hashed words."""
     if config.prompts.text == "clip":
         return "clip"
-    return "sentences" if "sentences" in params and installed() else "words"
+    return "sentences" if "sentences" in params and wording.installed() else "words"
 
 
 def embed_texts(
@@ -181,10 +139,10 @@ def embed_texts(
     empty text.
     """
     head = head or best_head(params, config)
-    features = text_features(texts, config, head)
+    features = wording.features(texts, config.prompts, head)
     if head == "words":
         for text in texts:
-            if unknown := unseen(params, text):
+            if unknown := wording.unseen(params["known"], text):
                 told = ", ".join(map(repr, unknown))
                 warnings.warn(
                     f"the prompt '{text}' has words that the model has never read ({told}): only their letters count; "
@@ -206,45 +164,22 @@ def see(config: DiffuclipConfig, images: Float[Array, "V H W 3"], tower: Params 
     """
     if config.prompts.image == "small":
         return images
-    from . import clip
-
     loaded = clip.load(clip.folder_of(config.prompts), "image")
     tower = loaded.params if tower is None else tower
     return jax.vmap(partial(clip.encode_image, tower, loaded.sizes))(images)
 
 
-def encode_video(params: Params, config: DiffuclipConfig, images: Float[Array, "V H W 3"]) -> Float[Array, " size"]:
-    """The prompt that a video is, of unit length, from `video_frames` pictures of it, 0 to 1."""
-    return video_encoder.encode(params["video"], config, see(config, images))
-
-
-def known_words(texts: Sequence[str]) -> Int32[np.ndarray, " n"]:
-    """Hashes of all words of the captions trained on, sorted, for `unseen`."""
-    return np.unique([_key(word) for text in texts for word in text.split()]).astype(np.int32)
-
-
-def unseen(params: Params, text: str) -> list[str]:
-    """The words of a prompt that no caption of the training had; none where it is not known what they were."""
-    known = set(np.asarray(params["known"]).tolist())
-    return [word for word in text.split() if known and _key(word) not in known]
+def encode_video(
+    params: Params, config: DiffuclipConfig, images: Float[ArrayLike, "K V H W 3"]
+) -> Float[Array, " size"]:
+    """The prompt that a video is, of unit length: the mean of its stretches' (`video.read`), pictures from 0 to 1."""
+    pictures = jnp.asarray(images)
+    each = [video_encoder.encode(params["video"], config, see(config, stretch)) for stretch in pictures]
+    return unit(jnp.mean(jnp.stack(each), axis=0))
 
 
 def pick(
-    prompt: Float[Array, " size"], candidates: Float[Array, "K size"], sharpness: float = 20.0
+    prompt: Float[ArrayLike, " size"], candidates: Float[ArrayLike, "K size"], sharpness: float = 20.0
 ) -> Float[Array, " K"]:
     """Weights of candidates (unit vectors) for a prompt, sum 1: softmax of the cosines times `sharpness`."""
     return jax.nn.softmax(sharpness * (jnp.asarray(candidates) @ jnp.asarray(prompt)))
-
-
-def _hash(text: str) -> Hashed:
-    words = text.split()
-    if len(words) > LONGEST:
-        warnings.warn(
-            f"the prompt '{text[:40]}...' has {len(words)} words; only the first {LONGEST} count.", stacklevel=4
-        )
-    ids, _ = tokens.hashed(words[:LONGEST])
-    return Hashed(np.pad(ids, ((0, LONGEST - len(ids)), (0, 0))), np.arange(LONGEST) < len(ids))
-
-
-def _key(word: str) -> int:
-    return zlib.crc32(tokens.pieces(word)[0].encode()) >> 1

@@ -13,7 +13,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Float32, Int
 
 from ...training.step import TrainState, begin, make_step, trained
-from .. import prompts
+from .. import prompts, wording
 from ..config import DiffuclipConfig
 from ..prompts import Hashed, Head
 from .stage import Material, Params, Stage, optimiser, window
@@ -45,7 +45,7 @@ def stage(config: DiffuclipConfig, material: Material, params: dict[str, Params]
     captions = read_captions(config, material)
     held = _batch(config, material, captions, 0, "valid")
     judge = jax.jit(partial(_embedded, config))
-    known = prompts.known_words([text for take in material.takes if take.split == "train" for text in take.captions])
+    known = wording.known([text for take in material.takes if take.split == "train" for text in take.captions])
 
     def start(key: Array) -> TrainState:
         drawn = prompts.init(key, config, material.skeleton)
@@ -69,9 +69,9 @@ def read_captions(config: DiffuclipConfig, material: Material) -> Captions:
     """The captions of all takes, as the heads that are trained read them."""
     texts = sorted({text for take in material.takes for text in take.captions})
     heads: list[Head] = ["clip"] if config.prompts.text == "clip" else ["words"]
-    if heads == ["words"] and prompts.installed():
+    if heads == ["words"] and wording.installed():
         heads.append("sentences")
-    rows: dict[str, Any] = {head: prompts.text_features(texts, config, head) for head in heads}
+    rows: dict[str, Any] = {head: wording.features(texts, config.prompts, head) for head in heads}
     if "words" in rows:  # no longer than the longest
         length = rows["words"].mask.any(axis=0).sum()
         rows["words"] = Hashed(*(leaf[:, :length] for leaf in rows["words"]))

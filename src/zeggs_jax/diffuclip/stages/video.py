@@ -14,7 +14,7 @@ from ...data.scale import Scale
 from ...motion import kinematics
 from ...motion.skeleton import Skeleton
 from ...training.step import TrainState, begin, make_step, trained
-from .. import prompts, rendering, representation, video_encoder
+from .. import clip, prompts, rendering, representation, video_encoder
 from ..config import DiffuclipConfig
 from .prompts import SHORTEST_S
 from .stage import Material, Params, Stage, optimiser, window
@@ -42,8 +42,6 @@ def stage(config: DiffuclipConfig, material: Material, params: dict[str, Params]
     settings, steps = config.learn_video, optimiser(config.learn_video)
     tower, vector = None, 0
     if config.prompts.image == "clip":
-        from .. import clip
-
         loaded = clip.load(clip.folder_of(config.prompts), "image")
         tower, vector = loaded.params, loaded.sizes.projection
     frozen = Frozen(params["prompts"], tower, material.motion_scale)
