@@ -86,7 +86,7 @@ def train(
     material = Material(read, motion_scale, skeleton)
     if initial is not None:
         params, material = dict(initial.params), material._replace(motion_scale=initial.motion_scale)
-    seen = {"corpus": _fingerprint(read, initial)}
+    seen: dict[str, Any] = {"motions": _motions(read, initial)}
     for number, name in enumerate(STAGES):
         component, make = STAGES[name]
         if name in only:
@@ -100,6 +100,7 @@ def train(
             z_scale, encoded = encode_takes(params["codes"], config, material.motion_scale, read)
             z_scale = z_scale if initial is None else initial.latent_scale
             material = material._replace(encoded=encoded, latent_scale=z_scale)
+            seen = seen | {"words": _words(read)}  # the codes do not read them
     assert material.latent_scale is not None
     model = Model(config, params, material.motion_scale, material.latent_scale, skeleton)
     save_model(out / MODEL, model)
@@ -164,7 +165,8 @@ def _check_same(path: Path, seen: dict[str, Any], folder: Path) -> None:
     before, now = _flat(checkpoint.metadata(path)), _flat(json.loads(json.dumps(seen)))
     for name in [*now, *before]:
         if before.get(name) != now.get(name):
-            what = "on another corpus" if name == "corpus" else f"with {name} = {before.get(name)}, now {now.get(name)}"
+            other = name in ("motions", "words")
+            what = "on another corpus" if other else f"with {name} = {before.get(name)}, now {now.get(name)}"
             raise ValueError(
                 f"'{folder}' was trained {what}: resume with the same corpus and settings, or choose another folder."
             )
@@ -176,15 +178,21 @@ def _flat(values: Any, prefix: str = "") -> dict[str, Any]:
     return {name: leaf for key, value in values.items() for name, leaf in _flat(value, f"{prefix}{key}.").items()}
 
 
-def _fingerprint(read: Sequence[takes.Take], initial: Model | None) -> str:
-    """A hash of what is learnt from."""
+def _motions(read: Sequence[takes.Take], initial: Model | None) -> str:
+    """A hash of the motions that are learnt from, and of the model that is gone on from."""
+    sha = hashlib.sha256(b"" if initial is None else checkpoint.tree_digest(initial.params).encode())
+    for take in read:
+        sha.update(f"{take.name} {take.split}".encode())
+        sha.update(take.motion.tobytes())
+    return sha.hexdigest()
+
+
+def _words(read: Sequence[takes.Take]) -> str:
+    """A hash of what was said, how it sounds, and how the motions are described."""
     sha = hashlib.sha256()
     for take in read:
-        sha.update(repr((take.name, take.split, take.words, take.captions)).encode())
-        sha.update(take.motion.tobytes())
+        sha.update(repr((take.words, take.captions)).encode())
         sha.update(take.rhythm.tobytes())
-    if initial is not None:
-        sha.update(checkpoint.tree_digest(initial.params).encode())
     return sha.hexdigest()
 
 
