@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float, Float32
+from jaxtyping import Array, Float, Float32, Int
 
 from . import diffusion
 from .config import DiffusionConfig
@@ -135,7 +135,7 @@ def noise_of(key: Array, first: int, latents: int, channels: int) -> Float32[np.
     return np.asarray(_drawn(key, np.arange(first, first + latents), channels))
 
 
-def _draw(key: Array, places: Float[Array, " L"], channels: int) -> Float[Array, "L C"]:
+def _draw(key: Array, places: Int[Array, " L"], channels: int) -> Float[Array, "L C"]:
     return jax.vmap(lambda place: jax.random.normal(jax.random.fold_in(key, place), (channels,)))(places)
 
 
