@@ -102,8 +102,8 @@ def init(key: Array, config: DiffuclipConfig, skeleton: Skeleton) -> Params:
         frames, latents = jnp.zeros((codes.rate, len(own))), jnp.zeros((1, codes.latent))
         made[part] = {
             "columns": jnp.asarray(own, jnp.int32),
-            "encoder": Encoder(codes).init(encoder_key, frames)["params"],
-            "decoder": Decoder(codes, len(own)).init(decoder_key, latents)["params"],
+            "encoder": jax.jit(Encoder(codes).init)(encoder_key, frames)["params"],
+            "decoder": jax.jit(Decoder(codes, len(own)).init)(decoder_key, latents)["params"],
             "book": quantiser.init(codes.quantisers, codes.codes, codes.latent)._asdict(),
         }
     return made
