@@ -37,7 +37,7 @@ def demo(out: Path, speech: Path | None, transcript: Path | None, seed: int, che
     if speech is None:
         if transcript is not None:
             raise ValueError("--transcript was given without --speech; name the recording that it is of.")
-        speech = g.bundled_speech()
+        speech = next(iter(g.bundled_speech().values()))
         transcript = speech.with_suffix(".json")
     samples, rate = player.read_speech(speech)
     prepare_folder(out)

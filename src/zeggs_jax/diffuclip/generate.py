@@ -49,9 +49,9 @@ def bundled_model() -> Model:
     return load_model(BUNDLE / "model")
 
 
-def bundled_speech() -> Path:
-    """A recording that comes with the package; its timed words lie beside it as .json."""
-    return BUNDLE / "speech" / "synthetic.wav"
+def bundled_speech() -> dict[str, Path]:
+    """The recordings that come with the package, by name; the timed words of each lie beside it as .json."""
+    return {path.stem: path for path in sorted((BUNDLE / "speech").glob("*.wav"))}
 
 
 def generate(
