@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from tqdm import tqdm
 from tyro.conf import Positional, UseAppendAction, arg
 
-from . import prompted
+from . import bridge, prompted
 from .arguments import Out, Ranges, Styles
 from .guards import component, frame_range, keep_inputs, prepare_folder, stem
 
@@ -73,6 +73,8 @@ def generate(
     intensity: float = 1.0,
     pca: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="K=AMOUNT")] = (),
     library: Path | None = None,
+    prompt: Annotated[str | None, arg(metavar="PROMPT")] = None,
+    prompts_from: Path | None = None,
     first_pose: Path | None = None,
     temperature: float = 1.0,
     seed: int = 1234,
@@ -95,6 +97,8 @@ def generate(
         pca: Move along a principal component of the library by so many standard deviations, as in 1=+2.0; repeat for
             more. Without a style: from the library's mean.
         library: A library from 'zeggs embed' for --intensity, --pca and names of styles; the bundled model has its own.
+        prompt: Words, a .bvh or a video: mixes those of the styles (without any: the bundled ones) that are near to it.
+        prompts_from: The GestureDiffuCLIP model that reads --prompt; the bundled one when left out.
         first_pose: A .bvh whose first frame the body starts from.
         temperature: 0 gives the mean of the style, higher values vary more.
         seed: The same seed gives the same file.
@@ -106,10 +110,9 @@ def generate(
     from ..zeroeggs import generate as g
     from ..zeroeggs import timeline as timelines
 
-    if csv is None and speech is None:
-        raise ValueError("no speech was given; name a recording, or a table of them with --csv.")
-    if csv is not None and (speech is not None or html is not None):
-        raise ValueError("--csv names the recordings itself; leave SPEECH and --html out.")
+    _check_speech(speech, csv, html)
+    others = bool(weights or spans or frames or timeline)
+    style, weights, notes = bridge.chosen(prompt, prompts_from, style, weights, others)
     request = g.Request(
         styles=style,
         weights=weights,
@@ -130,17 +133,30 @@ def generate(
         prepare_folder(folder)
     model = g.load_model(checkpoint) if checkpoint else g.bundled_model()
     if csv is not None:
-        from ..zeroeggs import batch
-
-        made = batch.generate_all(csv, out, request, model)
-        print(f"wrote {len(made)} file{'s'[: len(made) != 1]} to {out}")
+        _make_all(csv, request, model, out)
         return
     assert speech is not None
     title = " + ".join(map(stem, shown)) or ("neutral" if not pca else "the mean")
-    _make(speech, request, model, out, html, title)
+    _make(speech, request, model, out, html, title, notes)
 
 
-def _make(speech: Path, request: Any, model: Any, out: Path, html: Path | None, title: str) -> None:
+def _check_speech(speech: Path | None, csv: Path | None, html: Path | None) -> None:
+    if csv is None and speech is None:
+        raise ValueError("no speech was given; name a recording, or a table of them with --csv.")
+    if csv is not None and (speech is not None or html is not None):
+        raise ValueError("--csv names the recordings itself; leave SPEECH and --html out.")
+
+
+def _make_all(csv: Path, request: Any, model: Any, out: Path) -> None:
+    from ..zeroeggs import batch
+
+    made = batch.generate_all(csv, out, request, model)
+    print(f"wrote {len(made)} file{'s'[: len(made) != 1]} to {out}")
+
+
+def _make(
+    speech: Path, request: Any, model: Any, out: Path, html: Path | None, title: str, notes: tuple[str, ...]
+) -> None:
     """One recording: motion, provenance, page, and what is worth knowing of the style."""
     from ..stage import player
     from ..zeroeggs import generate as g
@@ -149,7 +165,7 @@ def _make(speech: Path, request: Any, model: Any, out: Path, html: Path | None, 
     g.save(out, gesture)
     if html is not None:
         player.write(html, [player.Figure(title, gesture.clip, speech)])
-    for note in gesture.notes:
+    for note in (*notes, *gesture.notes):
         print(f"zeggs: note: {note}", file=sys.stderr)
     print(f"wrote {out}: {gesture.clip.euler.shape[0]} frames")
 

@@ -179,7 +179,12 @@ def encode_video(
 
 
 def pick(
-    prompt: Float[ArrayLike, " size"], candidates: Float[ArrayLike, "K size"], sharpness: float = 20.0
+    prompt: Float[ArrayLike, " size"], candidates: Float[ArrayLike, "K size"], sharpness: float = 12.0, most: int = 3
 ) -> Float[Array, " K"]:
-    """Weights of candidates (unit vectors) for a prompt, sum 1: softmax of the cosines times `sharpness`."""
-    return jax.nn.softmax(sharpness * (jnp.asarray(candidates) @ jnp.asarray(prompt)))
+    """Weights of candidates (unit vectors) for a prompt, sum 1: softmax of the cosines times `sharpness`.
+
+    All but the `most` nearest have weight 0, so that a mixture stays one of few.
+    """
+    cosines = jnp.asarray(candidates) @ jnp.asarray(prompt)
+    few = jnp.sort(cosines)[-min(most, len(cosines))]
+    return jax.nn.softmax(jnp.where(cosines >= few, sharpness * cosines, -jnp.inf))
