@@ -71,7 +71,7 @@ def test_its_own_accuracy_is_of_clips_it_has_not_seen():
     assert all(sum(row.values()) == pytest.approx(1.0) for row in own.confusion.values())
     draw = np.random.default_rng(0)
     muddled = [[one._replace(meaning=str(draw.choice(SIGNS))) for one in words] for words in said]
-    assert meaning.own_accuracy(moves, muddled, folds=4).accuracy < 0.7
+    assert meaning.own_accuracy(moves, muddled, folds=4).accuracy < 0.5
 
 
 def test_features_do_not_know_where_the_body_stands_or_how_tall_it_is():

@@ -150,6 +150,11 @@ def test_words_of_a_timed_segment_share_its_time_by_their_letters(tmp_path, name
     np.testing.assert_allclose([*first[1:], *second[1:]], [1.0, 1.0 + 4 / 7, 1.0 + 4 / 7, 3.0])
 
 
+def test_subtitles_tell_hours_and_parts_of_a_second(tmp_path):
+    (tmp_path / "a.srt").write_text("1\n01:02:03,5 --> 01:02:03,750\nlate\n")
+    assert transcript.read(tmp_path / "a.srt") == (Word("late", 3723.5, 3723.75),)
+
+
 def test_sentences_keep_every_word_in_order():
     found = transcript.sentences(WORDS)
     assert [one.text for one in found] == ["Hello there.", "I go!"]
