@@ -38,6 +38,15 @@ def test_a_clip_comes_back(clip):
     assert again.frame_time == clip.frame_time
 
 
+def test_bones_are_where_the_files_positions_say(clip):
+    """A file that places its joints elsewhere than its OFFSETs comes back as it stood."""
+    longer = clip._replace(positions=clip.positions * np.where(np.arange(len(clip.skeleton)) > 0, 1.2, 1.0)[:, None])
+    again = representation.decode(representation.encode(longer), representation.bones(longer), clip.frame_time)
+    apart = features.world_positions(again) - features.world_positions(edit.centre(longer))
+    assert np.abs(apart).max() < 0.05
+    np.testing.assert_array_equal(representation.bones(clip).offsets, clip.skeleton.offsets)
+
+
 def test_where_the_clip_stands_and_faces_does_not_matter(clip):
     np.testing.assert_allclose(representation.encode(turned(clip, 2.0)), representation.encode(clip), rtol=0, atol=2e-5)
 

@@ -35,6 +35,16 @@ def encode(clip: Clip) -> Float32[np.ndarray, "T D"]:
     return np.concatenate([rows, axes.reshape(len(axes), -1)], axis=-1).astype(np.float32)
 
 
+def bones(clip: Clip) -> Skeleton:
+    """The skeleton that `decode` puts the clip's rotations on: where a file has joint positions that differ from its
+    OFFSETs, each joint's median position (cm, in its parent's frame) takes their place.
+    """
+    skeleton = clip.skeleton
+    offsets = np.array(skeleton.offsets, float)
+    offsets[1:] = np.median(clip.positions[:, 1:], axis=0)
+    return Skeleton(skeleton.names, skeleton.parents, offsets, skeleton.roles)
+
+
 def decode(motion: Float[np.ndarray, "T D"], skeleton: Skeleton, frame_time: float) -> Clip:
     """Frames as a clip, joint 0 above the origin in the first; rotations are made orthonormal.
 

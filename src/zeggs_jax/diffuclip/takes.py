@@ -99,7 +99,7 @@ def _make(job: _Job) -> None:
     notes = {
         "words": [list(word) for word in words if word.end <= len(motion) * job.frame_time],
         "captions": _captions(entry),
-        "skeleton": skeleton_to_json(made.clip.skeleton),
+        "skeleton": skeleton_to_json(representation.bones(made.clip)),
     }
     buffer = io.BytesIO()
     np.savez(
