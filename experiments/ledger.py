@@ -10,6 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 Row = dict[str, Any]
+Jobs = Mapping[str, Callable[[], Row]]
 
 
 def read(path: Path) -> dict[str, Row]:
@@ -24,7 +25,7 @@ def read(path: Path) -> dict[str, Row]:
     return rows
 
 
-def fill(path: Path, jobs: Mapping[str, Callable[[], Row]], what: str) -> list[Row]:
+def fill(path: Path, jobs: Jobs, what: str) -> list[Row]:
     """The rows of all jobs, in their order; only those that the file lacks are done, each written when it is."""
     path.parent.mkdir(parents=True, exist_ok=True)
     done = read(path)

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from zeggs_jax.metrics import kinematic
+from zeggs_jax.metrics import kinematic, movement
+from zeggs_jax.metrics.movement import Movement
 from zeggs_jax.motion import bvh
 from zeggs_jax.motion.bvh import Clip
 from zeggs_jax.motion.skeleton import Skeleton
@@ -58,12 +59,17 @@ def peaks(clip: Clip, times: Sequence[float]) -> Peaks:
     Acceleration is the second difference times rate squared. A window begins a frame early: in the difference of the
     frames t - 2, t - 1 and t a jump at t shows first.
     """
-    rate_hz = bvh.rate_hz(clip.frame_time)
-    found = kinematic.derivative(kinematic.world_positions(clip), rate_hz, 2)
+    return peaks_of(movement.of(clip), times)
+
+
+def peaks_of(motion: Movement, times: Sequence[float]) -> Peaks:
+    """`peaks` of joint positions."""
+    rate_hz = motion.rate_hz
+    found = kinematic.derivative(motion.positions, rate_hz, 2)
     ends = [(max(round(time * rate_hz) - 2, 0), round((time + WINDOW_S) * rate_hz) - 1) for time in times]
     return {
         part: [float(found[first:last, joints].max()) for first, last in ends]
-        for part, joints in parts(clip.skeleton).items()
+        for part, joints in parts(motion.skeleton).items()
     }
 
 
