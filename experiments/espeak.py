@@ -10,6 +10,7 @@ import soxr
 RATE = 16000
 RETRIEVAL, UTF8 = 1, 1  # of espeak-ng's speak_lib.h: give the samples back; the text's encoding
 WORD = 1  # type of an event
+Timed = tuple[str, float, float]  # a word, its start and its end in s
 
 
 class _Event(ctypes.Structure):
@@ -25,9 +26,7 @@ def installed() -> bool:
     return ctypes.util.find_library("espeak-ng") is not None
 
 
-def speak(
-    text: str, voice: str = "en-us", words_a_minute: int = 150
-) -> tuple[np.ndarray, list[tuple[str, float, float]]]:
+def speak(text: str, voice: str = "en-us", words_a_minute: int = 150) -> tuple[np.ndarray, list[Timed]]:
     """(samples [n] at 16 kHz, a `Timed` for each word of `text`, which holds plain ASCII).
 
     OSError where espeak-ng is not installed.
