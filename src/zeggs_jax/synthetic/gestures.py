@@ -82,6 +82,7 @@ class _Stand(NamedTuple):
     bow: Float[np.ndarray, " T"]  # rad, trunk forward
     aside: Float[np.ndarray, " T"]  # cm, hips to the left
     low: Float[np.ndarray, " T"]  # cm, hips above straight legs
+    back: Float[np.ndarray, " T"]  # cm, hips forward: behind the feet, as the trunk bows and the knees bend
     turn: Float[np.ndarray, " T"]  # rad, trunk to the left
     breath: Float[np.ndarray, " T"]
 
@@ -95,7 +96,7 @@ def _stand(time: Float[np.ndarray, " T"], prosody: Prosody, style: StyleFactors,
     aside = style.sway * swing + (0.8 + 0.45 * style.sway) * weight
     turn = 0.07 * (0.3 + vigour) * weight * talk
     low = STANDING - style.crouch - 0.5 * vigour * beat - aside**2 / 160.0
-    return _Stand(bow, aside, low, turn, breath)
+    return _Stand(bow, aside, low, -0.1 * style.crouch - 14.0 * np.sin(bow), turn, breath)
 
 
 def perform(
@@ -130,9 +131,7 @@ def perform(
     tilt = 0.02 * stands.aside
     nod = style.nodding * beat
     tracks = rig.Tracks(
-        hips=_stack(
-            stands.aside, stands.low, -0.1 * (style if lower is None else lower).crouch - 14.0 * np.sin(stands.bow)
-        ),
+        hips=_stack(stands.aside, stands.low, stands.back),
         pelvis=_stack(0.30 * stands.bow, 0.3 * stands.turn, -0.5 * tilt),
         spine=_stack(0.70 * upper.bow - 0.012 * upper.breath, upper.turn, 0.9 * tilt),
         neck=meanings.necks(over, _stack(style.head_pitch - bow + nod - 0.03 * talk, -0.6 * upper.turn, -0.8 * tilt)),
