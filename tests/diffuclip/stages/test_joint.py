@@ -126,13 +126,13 @@ def test_teachers_follow_by_the_momentum(contrast):
 
 
 def test_distillation_begins_with_the_first_epoch(contrast):
-    """At update 0 the loss is Eq. 4-5 alone; later it is less than the contrast, of which it keeps 60 %."""
+    """At update 0 the loss is Eq. 4-5 alone; later it keeps 60 % of that."""
     stage = contrast
     _, metrics = stage.step(stage.begin(jax.random.key(0)), stage.batch(0))
     np.testing.assert_allclose(metrics["loss"], metrics["contrast"], rtol=1e-6)
     state = stage.begin(jax.random.key(0))
     _, metrics = stage.step(state._replace(step=state.step + 1000), stage.batch(0))
-    np.testing.assert_allclose(metrics["loss"], 0.6 * metrics["contrast"], rtol=1e-4)  # the teacher is the student yet
+    assert 0.6 * metrics["contrast"] < metrics["loss"] < 0.9 * metrics["contrast"]  # the teacher sees what is left out
 
 
 def test_sentences_are_cut_where_they_are_too_long(material):
@@ -166,3 +166,15 @@ def test_a_t5_needs_its_folder(material):
     t5 = dataclasses.replace(CONFIG, joint=dataclasses.replace(CONFIG.joint, text="t5"))
     with pytest.raises(ValueError, match=r"set joint\.folder"):
         joint.stage(t5, material, {}).begin(jax.random.key(0))
+
+
+def test_some_words_and_latents_are_left_out_in_training_alone(material, contrast):
+    params = contrast.begin(jax.random.key(0)).params
+    pairs = contrast.batch(0)
+    plain, again = joint.embed(params, CONFIG, pairs), joint.embed(params, CONFIG, pairs)
+    jax.tree.map(np.testing.assert_array_equal, plain, again)
+    keys = jax.random.split(jax.random.key(0), (8, 2))
+    for whole, cut in zip(plain, joint.embed(params, CONFIG, pairs, keys), strict=True):  # CONFIG has no dropout
+        apart = np.abs(whole - cut).max(axis=1) > 1e-4
+        assert apart.any()
+        assert np.isfinite(cut).all()

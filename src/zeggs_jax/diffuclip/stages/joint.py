@@ -23,6 +23,7 @@ from .stage import Encoded, Material, Params, Stage, Take, optimiser, window
 SHORTEST_S, LONGEST_S = 1.0, 15.0  # of a sentence (Sec. 5)
 AROUND_S = 0.5  # a gesture may begin so long before its sentence and end so long after it
 NEIGHBOURS = 4  # a batch is drawn from so many batches' worth of sentences of similar length
+LEFT_OUT = 0.15  # share of words and latents that the contrast does not see, or it learns sentences by heart
 WHOLE = 0.25  # share of the batches that are drawn from all sentences instead
 
 
@@ -126,16 +127,28 @@ def pair(config: DiffuclipConfig, material: Material, one: Spoken, draw: np.rand
 
 
 def embed(params: Params, config: DiffuclipConfig, pairs: Pair, keys: Any = None) -> tuple[Array, Array]:
-    """(z^t [B, D], z^g [B, D]) of a batch, of length 1 where cosines are compared; dropout with keys [B, 2]."""
+    """(z^t [B, D], z^g [B, D]) of a batch, of length 1 where cosines are compared.
+
+    With keys [B, 2] as in training: dropout, and a share `LEFT_OUT` of the words and latents is not seen.
+    """
 
     def each(one: Pair, key: Any) -> tuple[Array, Array]:
-        first, second = (None, None) if key is None else (key[0], key[1])
-        text = joint_embedding.encode_text(params, config, one.spoken, first).pooled
-        gesture = joint_embedding.encode_gesture(params, config, one.quantised, one.mask, None, second).pooled
+        spoken, hidden, first, second = one.spoken, None, None, None
+        if key is not None:
+            first, second = key[0], key[1]
+            seen = spoken.mask & ~_left_out(first, len(spoken.mask))
+            spoken = spoken._replace(mask=jnp.where(seen.any(), seen, spoken.mask))
+            hidden = _left_out(second, len(one.mask))
+        text = joint_embedding.encode_text(params, config, spoken, first).pooled
+        gesture = joint_embedding.encode_gesture(params, config, one.quantised, one.mask, hidden, second).pooled
         return text, gesture
 
     z_t, z_g = jax.vmap(each, in_axes=(0, None if keys is None else 0))(pairs, keys)
     return (joint_embedding.unit(z_t), joint_embedding.unit(z_g)) if config.joint.normalise else (z_t, z_g)
+
+
+def _left_out(key: Array, length: int) -> Bool[Array, " T"]:
+    return jax.random.bernoulli(jax.random.fold_in(key, 1), LEFT_OUT, (length,))
 
 
 def make_step(config: DiffuclipConfig, steps: optax.GradientTransformation, epoch: int) -> Step:
