@@ -3,7 +3,7 @@
 import argparse
 import json
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +20,7 @@ from zeggs_jax.diffuclip import guidance, prompts, representation, request, take
 from zeggs_jax.diffuclip.generate import Wishes
 from zeggs_jax.diffuclip.model import Model, motion_of
 from zeggs_jax.diffuclip.request import Request
+from zeggs_jax.diffuclip.stages import video
 from zeggs_jax.diffuclip.stages.stage import Take
 from zeggs_jax.metrics import meaning
 from zeggs_jax.metrics.movement import Movement
@@ -73,6 +74,7 @@ class Bench(NamedTuple):
     said: list[Said]
     out: Path  # for what is kept between calls
     steps: int  # of the solver
+    film: Callable[..., jax.Array]  # a motion, its mask and a key -> the pictures of a random camera
 
     def of(self, split: str) -> list[Said]:
         """The clips of a split; of a corpus without any, all."""
@@ -113,7 +115,8 @@ def tune(args: argparse.Namespace) -> Bench:
             f"the corpus has {len(skeleton)} joints, the model {len(model.skeleton)}; give one of its body."
         )
     entries = {entry.name: entry for entry in corpora.find(args.corpus)}
-    return Bench(model, [_said(take, entries[take.name]) for take in read], args.out, args.steps)
+    said = [_said(take, entries[take.name]) for take in read]
+    return Bench(model, said, args.out, args.steps, jax.jit(partial(video.film, model.config, model.skeleton)))
 
 
 def _said(take: Take, entry: Any) -> Said:
@@ -180,14 +183,8 @@ def of_video(bench: Bench, example: Path, seed: int) -> Float[np.ndarray, " P"]:
         clip = edit.resample(clip, rate_hz)
     motion = representation.encode(clip)[: config.prompts.frames]
     padded = np.pad(motion, ((0, config.prompts.frames - len(motion)), (0, 0)))
-    images = _film(config, bench.model.skeleton, padded, np.arange(len(padded)) < len(motion), jax.random.key(seed))
-    return np.asarray(prompts.encode_video(bench.model.params["prompts"], config, np.asarray(images)))
-
-
-def _film(config: Any, skeleton: Any, motion: np.ndarray, mask: np.ndarray, key: jax.Array) -> jax.Array:
-    from zeggs_jax.diffuclip.stages import video
-
-    return jax.jit(partial(video.film, config, skeleton))(motion, mask, key)
+    images = bench.film(padded, np.arange(len(padded)) < len(motion), jax.random.key(seed))
+    return np.asarray(prompts.encode_video(bench.model.params["prompts"], config, images[None]))
 
 
 def example(bench: Bench, name: str, factors: StyleFactors, number: int = 0) -> Path:

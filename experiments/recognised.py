@@ -135,7 +135,7 @@ def bridged(bench: Bench, said: Said, style: str, sampling: int) -> Movement:
     clips = style_clip.bundled_clips()
     near = np.stack([request.motion_prompt(bvh.read(path), name, bench.model) for name, path in clips.items()])
     text = prompted.of_text(bench, captions.captions(style, 7000 + 31 * sampling, held_out=True))
-    weights = np.asarray(prompts.pick(jnp.asarray(text), jnp.asarray(near)))
+    weights = np.asarray(prompts.pick(text, near))
     entries = [libraries.find(library, name) for name in clips]
     point = sum(w * np.asarray(e.distribution.mean) for w, e in zip(weights, entries, strict=True))
     wave = wav.read(said.wav)[: round(SECONDS * wav.RATE_HZ)]
