@@ -209,3 +209,10 @@ def test_a_batch_is_a_vmap(params):
     for k in range(2):
         one = je.encode_text(params, CONFIG, jax.tree.map(lambda leaf, k=k: leaf[k], spoken))
         np.testing.assert_allclose(both[k], one.pooled, atol=1e-5)
+
+
+def test_parameters_from_disk_are_traced(params):
+    """Checkpoints give numpy arrays; hashed words index one of them."""
+    read = jax.tree.map(np.asarray, params)
+    found = jax.jit(lambda one: je.encode_text(read, CONFIG, one).pooled)(features("words", 6))
+    np.testing.assert_allclose(found, je.encode_text(params, CONFIG, features("words", 6)).pooled, atol=1e-5)

@@ -46,7 +46,7 @@ class Words(nn.Module):
     def __call__(self, features: Array, mask: Bool[Array, " S"], deterministic: bool = True) -> Float[Array, "S D"]:
         c = self.config
         if c.text == "words":
-            table = self.param("table", nn.initializers.normal(0.5), (BUCKETS, c.width))
+            table = jnp.asarray(self.param("table", nn.initializers.normal(0.5), (BUCKETS, c.width)))
             heard = features > 0
             count = jnp.maximum(heard.sum(1, keepdims=True), 1)
             features = jnp.where(heard[..., None], table[features], 0.0).sum(1) / jnp.sqrt(count)

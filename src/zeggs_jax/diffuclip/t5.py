@@ -104,7 +104,7 @@ class Encoder(nn.Module):
     ) -> Float[Array, "S E"]:
         c = self.config
         drop = nn.Dropout(c.dropout, deterministic=deterministic)
-        table = self.param("embedding", nn.initializers.normal(1.0), (c.vocabulary, c.width))
+        table = jnp.asarray(self.param("embedding", nn.initializers.normal(1.0), (c.vocabulary, c.width)))
         shifts = self.param("positions", nn.initializers.normal(c.width**-0.5), (c.buckets, c.heads))
         bias = shifts[buckets(len(ids), c.buckets)].transpose(2, 0, 1)
         bias = jnp.where(mask[None, None, :], bias, HIDDEN)
