@@ -2,8 +2,8 @@
 
     python experiments/19_bodies_diffuclip.py -o runs/bodies [--checkpoint RUN] [--speech WAV --transcript JSON]
 
-Each row of (a) is shown at the words written above it; (b) at the instant nearest to its mean pose, (c) in the middle
-of every sentence, whose prompt is written above.
+Each row of (a) is shown at the words written above it; (b) and (c) at the instant nearest to the mean pose, (d) in the
+middle of every sentence, whose prompt is written above.
 """
 
 import argparse
@@ -27,14 +27,19 @@ from zeggs_jax.synthetic import lexicon
 
 PROMPTS = ("an old, tired person", "a happy person", "an angry man talks", "someone who is scared")
 GUIDED, SCALES = "a sneaky person", (0.0, 1.0, 2.0, 3.0)
-HALVES = (("a happy person", "an old person"), ("an old person", "a happy person"))
-COLUMNS = 6
+HALVES = (
+    ("a happy person", "an old person"), ("an old person", "a happy person"),
+    ("an angry person", "a still person"), ("a tired person", "a scared person"),
+)  # fmt: skip
+COLUMNS = 8
+LEFT_OUT = ("a", "an", "person", "man", "talks", "someone", "who", "is")
 WORDS_FROM_S = 1.5  # before, a body only begins
 
 
-class Row(NamedTuple):
-    """A line of bodies."""
+class Group(NamedTuple):
+    """Bodies side by side under a title."""
 
+    place: tuple[int, int]  # row and column of the first
     title: str
     shown: Sequence[tuple[Gesture, float, str]]  # of what, at which second, what is written above it
     colour: str
@@ -48,7 +53,7 @@ def spoken(words: Sequence[Word], count: int) -> list[tuple[float, str]]:
     return [((word.start + word.end) / 2, word.text.strip(".,;:!?")) for word in chosen]
 
 
-def rows(model: Model, speech: Path, written: Path, steps: int) -> list[Row]:
+def groups(model: Model, speech: Path, written: Path, steps: int) -> list[Group]:
     """All that is drawn."""
     words = transcript.read(written)
     bar = tqdm(desc="bodies", unit="clip")
@@ -58,43 +63,48 @@ def rows(model: Model, speech: Path, written: Path, steps: int) -> list[Row]:
         return g.generate(speech, asked, model=model)
 
     base = {"transcript": str(written), "steps": steps}
-    instants = spoken(words, COLUMNS)
-    found = []
+    half, found = COLUMNS // 2, []
     for k, prompt in enumerate(PROMPTS):
         made = make(Request(prompt, **base))
-        shown = [(made, instant, word if k == 0 else "") for instant, word in instants]
-        found.append(Row(f"“{prompt}”", shown, plots.COLOURS[k]))
+        shown = [(made, *each) for each in spoken(words, half)]
+        found.append(Group((k // 2, k % 2 * half), f"“{prompt}”", shown, plots.COLOURS[k]))
     scaled = [make(Request(GUIDED, scale=scale, **base)) for scale in SCALES]
-    halves = (
-        [make(Request(parts=(("upper", a), ("lower", b)), **base)) for a, b in HALVES] if model.config.parts else []
-    )
     shown = [(one, instrument.typical(one.clip), f"s = {s:g}") for one, s in zip(scaled, SCALES, strict=True)]
-    for one, (a, b) in zip(halves, HALVES, strict=False):
-        shown.append((one, instrument.typical(one.clip), f"{a.split()[1]} on {b.split()[1]} legs"))
-    found.append(Row(f"(b) “{GUIDED}”, guidance s; upper and lower body apart", shown, plots.COLOURS[4]))
+    found.append(Group((2, 0), f"(b) “{GUIDED}”, guidance s", shown, plots.COLOURS[4]))
+    parts = [(make(Request(parts=(("upper", a), ("lower", b)), **base)), a, b) for a, b in HALVES if model.config.parts]
+    shown = [(one, instrument.typical(one.clip), f"{_short(a)} on {_short(b)} legs") for one, a, b in parts]
+    found.append(Group((2, half), "(c) upper and lower body under prompts of their own", shown, plots.COLOURS[4]))
     sentences = transcript.sentences(words)[:COLUMNS]
     if len(sentences) > 1:
         texts = [PROMPTS[k % len(PROMPTS)] for k in range(len(sentences))]
         made = make(Request(timeline=request.by_sentence(sentences, texts), **base))
         middles = [(one.words[0].start + one.words[-1].end) / 2 for one in sentences]
-        shown = [(made, *each) for each in zip(middles, texts, strict=True)]
-        found.append(Row("(c) a prompt for every sentence", shown, plots.COLOURS[5]))
+        shown = [(made, middle, _short(text)) for middle, text in zip(middles, texts, strict=True)]
+        found.append(Group((3, 0), "(d) a prompt for every sentence", shown, plots.COLOURS[5]))
+    bar.close()
     return found
 
 
-def draw(path: Path, found: Sequence[Row]) -> None:
-    """One line of bodies under the other."""
-    layout = Layout(width=128)
-    with plots.sheet(path, plots.PAGE, 1.32 * len(found)) as figure:
+def _short(prompt: str) -> str:
+    """The prompt's adjectives."""
+    return " ".join(word for word in prompt.split() if word not in LEFT_OUT)
+
+
+def draw(path: Path, found: Sequence[Group]) -> None:
+    """One group beside or under the other."""
+    layout, count = Layout(width=104), 1 + max(group.place[0] for group in found)
+    with plots.sheet(path, plots.PAGE, 1.85 * count) as figure:
         axes = figure.add_subplot()
-        poses.bare(axes, COLUMNS, len(found), layout)
-        for number, row in enumerate(found):
-            top = number * layout.height
-            label = f"(a) {row.title}" if number == 0 else row.title
-            axes.text(0, top + 8, label, fontsize=6.5, fontweight="bold", va="center")
-            for column, (made, instant, text) in enumerate(row.shown):
-                poses.line_up(axes, made.clip, [instant], row.colour, layout, number, column)
-                axes.text((column + 0.5) * layout.width, top + 24, text, fontsize=5.5, ha="center", va="center")
+        poses.bare(axes, COLUMNS, count, layout)
+        for number, group in enumerate(found):
+            row, first = group.place
+            label = f"(a) {group.title}" if number == 0 else group.title
+            corner = (first * layout.width, row * layout.height + 4)
+            axes.text(*corner, label, fontsize=6.5, fontweight="bold", va="center")
+            for column, (made, instant, text) in enumerate(group.shown, first):
+                poses.line_up(axes, made.clip, [instant], group.colour, layout, row, column)
+                middle = ((column + 0.5) * layout.width, row * layout.height + 17)
+                axes.text(*middle, text, fontsize=5.5, ha="center", va="center")
 
 
 def main() -> None:
@@ -108,7 +118,7 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     model = g.load_model(args.checkpoint) if args.checkpoint else g.bundled_model()
     speech = args.speech or g.bundled_speech()["synthetic"]
-    found = rows(model, speech, args.transcript or speech.with_suffix(".json"), args.steps)
+    found = groups(model, speech, args.transcript or speech.with_suffix(".json"), args.steps)
     draw(args.out / "bodies.png", found)
     print(f"wrote {args.out / 'bodies.png'}")
 
