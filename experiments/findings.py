@@ -157,9 +157,9 @@ def _paired(of: Found) -> str:
     return (
         f"{ledger.table(head, body)}\n\n{words} words have gestures of their own. "
         f"The recogniser of meanings is right about {of['accuracy']:.1%} of such words of clips that it was not made "
-        f"from, and takes {of['alarms']:.1%} of the others for one. The truth's FGD is that between halves of all valid "
-        "clips, which no motion can be expected to fall far below; FGD's net: "
-        f"{of['net']}; SRGR: within 10 cm, 1 for the truth; SC only compares within one model."
+        f"from, and takes {of['alarms']:.1%} of the others for one. The truth's FGD is that between halves of all "
+        "valid clips, which no motion can be expected to fall far below; FGD's net: "
+        f"{of['net']}; SRGR: share of elbows and hands within 10 cm of the truth's; SC only compares within one model."
     )
 
 
