@@ -48,7 +48,7 @@ def read(path: str | Path, frames: int, pixels: int) -> Float32[ndarray, "K V H 
     return np.stack(pictures)[chosen].astype(np.float32) / 255.0
 
 
-def write(path: str | Path, images: Float[ndarray, "V H W 3"], fps: float) -> None:
+def write(path: str | Path, images: Float[ndarray, "V H W 3"], fps: float | int) -> None:
     """Pictures, 0 to 1, as an MP4 (H.264); their height and width are even.
 
     Raises:

@@ -88,11 +88,12 @@ def loss_fn(
 def film(
     config: DiffuclipConfig,
     skeleton: Skeleton,
-    motion: Float[Array, "N D"],
-    mask: Bool[Array, " N"],
+    motion: Float[ArrayLike, "N D"],
+    mask: Bool[ArrayLike, " N"],
     key: Array | None = None,
 ) -> Float[Array, "V H W 3"]:
     """A motion (not scaled) as a video, its pictures evenly spread over it; by a random camera, or from the front."""
+    motion, mask = jnp.asarray(motion), jnp.asarray(mask)
     axes = motion[:, representation.ROOT :].reshape(len(motion), -1, 2, 3)
     place = representation.ground(motion[:, : representation.ROOT], axes)
     chosen = jnp.round(jnp.linspace(0.0, jnp.maximum(mask.sum() - 1, 0), config.prompts.video_frames)).astype(jnp.int32)
