@@ -42,6 +42,9 @@ TOUCH_DISK = {
     "zeroeggs/checkpoints.py", "zeroeggs/release_files.py", "zeroeggs/run_folder.py", "zeroeggs/settings.py",
     "zeroeggs/validation.py",
     "zeroeggs/timeline.py", "zeroeggs/timeline_text.py", "zeroeggs/library.py",
+    "diffuclip/checkpoints.py", "diffuclip/takes.py", "diffuclip/train.py", "diffuclip/generate.py",
+    "diffuclip/request.py", "diffuclip/video.py", "diffuclip/safetensors_folder.py", "diffuclip/t5.py",
+    "diffuclip/clip.py", "diffuclip/minilm.py",
     "zeroeggs/library_file.py", "zeroeggs/embedding.py", "zeroeggs/style_clip.py",
     "diffuclip/safetensors_folder.py", "diffuclip/video.py",
 }  # fmt: skip

@@ -36,7 +36,6 @@ def mix(prompt: str, styles: Sequence[str], prompts_model: Path | None) -> tuple
 
     from ..diffuclip import generate as g
     from ..diffuclip import prompts, request
-    from ..motion import bvh
     from ..zeroeggs import examples
 
     bundled = examples.bundled()
@@ -46,7 +45,7 @@ def mix(prompt: str, styles: Sequence[str], prompts_model: Path | None) -> tuple
             raise ValueError(f"a prompt chooses among clips, and '{name}' is none; give bundled styles or .bvh files.")
     model: Any = g.load_model(prompts_model) if prompts_model else g.bundled_model()
     asked, notes = request.embed(prompt, model)
-    candidates = np.stack([request.motion_prompt(bvh.read(path), path.name, model) for path in clips.values()])
+    candidates = np.stack([request.embed(str(path), model)[0] for path in clips.values()])
     weights = np.asarray(prompts.pick(asked, candidates), float)
     weights = np.where(weights < LEAST, 0.0, weights)
     weights /= weights.sum()
