@@ -73,13 +73,13 @@ def jobs(bench: Bench, args: argparse.Namespace) -> dict[str, dict[str, Job]]:
     found: dict[str, dict[str, Job]] = {"codes": {"codes": partial(reconstructed, bench)}, "prompts": {}, "paired": {}}
     found |= {"guidance": {}, "changes": {"truth": partial(guided.true_peaks, bench)}, "halves": {}}
     found["prompts"]["judges"] = lambda: told(bench, {"whole": whole(), **halves()}, head)
+    found["prompts"]["no prompt"] = lambda: recognised.unprompted(bench, whole())
     found["paired"] |= {
         "instruments": partial(instrument, bench, tools), "truth": lambda: paired.true(bench, tools(), clips)
     }  # fmt: skip
     for k in range(count):
         for kind in (*kinds, recognised.BRIDGE):
             found["prompts"][f"{kind} {k}"] = lambda kind=kind, k=k: recognised.sra(bench, whole(), kind, k)
-        found["prompts"][f"no prompt {k}"] = lambda k=k: recognised.unprompted(bench, whole(), k)
         for name in paired.CONDITIONS:
             found["paired"][f"{name} {k}"] = lambda name=name, k=k: paired.made(bench, tools(), clips, name, k)
         found["changes"][f"changes {k}"] = partial(guided.changed, bench, k)

@@ -9,7 +9,7 @@ import prompted
 import recognised
 import transitions
 import truth
-from prompted import Bench
+from prompted import Ask, Bench
 from zeggs_jax.diffuclip import representation, request
 from zeggs_jax.diffuclip.generate import Wishes
 from zeggs_jax.metrics import factors
@@ -34,8 +34,8 @@ def scaled(bench: Bench, ruler: Ruler, style: str, sampling: int) -> ledger.Row:
     said = recognised.speech(bench, sampling + sum(map(ord, style)))
     prompt = prompted.prompt(bench, "text, held-out paraphrase", style, sampling)
     read = []
-    for scale in SCALES:
-        made = prompted.perform(bench, said, prompted.wish(bench, prompt, scale), sampling, recognised.SECONDS)
+    asked = [Ask(said, prompted.wish(bench, prompt, scale), sampling, recognised.SECONDS) for scale in SCALES]
+    for made in prompted.perform(bench, asked):
         settled = made.motion[round(recognised.SETTLE_S / bench.model.config.frame_time) :]
         clip = representation.decode(settled, bench.model.skeleton, bench.model.config.frame_time)
         found = factors.recover(ruler, factors.measures(clip))
@@ -55,8 +55,8 @@ def changed(bench: Bench, sampling: int) -> ledger.Row:
     cues = request.by_sentence(sentences, texts)
     each = [prompted.wish(bench, prompted.of_text(bench, cue.prompt)).each[0] for cue in cues]
     times = [cue.time for cue in cues[1:] if cue.time + 0.5 < len(said.take.motion) * bench.model.config.frame_time]
-    many = prompted.perform(bench, said, Wishes(tuple(cue.time for cue in cues), tuple(each)), sampling)
-    one = prompted.perform(bench, said, Wishes((0.0,), (each[0],)), sampling)
+    wishes = Wishes(tuple(cue.time for cue in cues), tuple(each)), Wishes((0.0,), (each[0],))
+    many, one = prompted.perform(bench, [Ask(said, wish, sampling) for wish in wishes])
     return {
         "kind": "changes", "sampling": sampling, "clip": said.take.name, "order": order[: len(cues)], "times": times,
         "peaks": transitions.peaks_of(many.movement, times), "steady": transitions.peaks_of(one.movement, times),

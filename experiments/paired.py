@@ -8,7 +8,7 @@ import numpy as np
 
 import ledger
 import prompted
-from prompted import Bench, Made, Said
+from prompted import Ask, Bench, Said
 from zeggs_jax.data import scale
 from zeggs_jax.diffuclip import vqvae
 from zeggs_jax.diffuclip.model import Model, latents_of
@@ -80,20 +80,17 @@ def true(bench: Bench, at: Instruments, clips: Sequence[Said]) -> ledger.Row:
 
 def made(bench: Bench, at: Instruments, clips: Sequence[Said], condition: str, sampling: int) -> ledger.Row:
     """One sampling of a condition: all clips' speech performed, and measured beside the truth."""
-    moves, latents = [], []
-    for number, said in enumerate(clips):
-        if condition == ZEROEGGS:
-            moves.append(by_zeroeggs(bench, said, number, sampling))
-            continue
-        own = (
-            of_text(bench, said, sampling)
-            if condition != MOTION
-            else prompted.of_motion(bench, shown(bench, said, sampling))
-        )
-        wishes, seed = prompted.wish(bench, own), 100 * sampling + number
-        found: Made = prompted.perform(bench, said, wishes, seed, spoken=condition != SILENT)
-        moves.append(found.movement)
-        latents.append(found.latents)
+    if condition == ZEROEGGS:
+        moves, latents = [by_zeroeggs(bench, said, k, sampling) for k, said in enumerate(clips)], []
+    else:
+        by_motion, asked = condition == MOTION, []
+        for k, said in enumerate(clips):
+            own = (
+                prompted.of_motion(bench, shown(bench, said, sampling)) if by_motion else of_text(bench, said, sampling)
+            )
+            asked.append(Ask(said, prompted.wish(bench, own), 100 * sampling + k, spoken=condition != SILENT))
+        found = prompted.perform(bench, asked)
+        moves, latents = [one.movement for one in found], [one.latents for one in found]
     row = measure(bench, at, clips, moves, latents)
     return {"kind": "paired", "condition": condition, "sampling": sampling, **row}
 

@@ -12,21 +12,21 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+import chorus
 import ledger
 import truth
+from chorus import Voice
 from zeggs_jax.data import corpus as corpora
 from zeggs_jax.diffuclip import generate as g
 from zeggs_jax.diffuclip import guidance, prompts, representation, request, takes
 from zeggs_jax.diffuclip.generate import Wishes
 from zeggs_jax.diffuclip.model import Model, motion_of
-from zeggs_jax.diffuclip.request import Request
 from zeggs_jax.diffuclip.stages import video
 from zeggs_jax.diffuclip.stages.stage import Take
 from zeggs_jax.metrics import meaning
 from zeggs_jax.metrics.movement import Movement
 from zeggs_jax.motion import bvh, edit
 from zeggs_jax.speech import wav
-from zeggs_jax.speech.transcript import Word
 from zeggs_jax.synthetic import captions, styles
 from zeggs_jax.synthetic.styles import StyleFactors
 
@@ -79,6 +79,16 @@ class Bench(NamedTuple):
     def of(self, split: str) -> list[Said]:
         """The clips of a split; of a corpus without any, all."""
         return [one for one in self.said if one.take.split == split] or self.said
+
+
+class Ask(NamedTuple):
+    """What one body shall do: the speech of a clip, or its first `seconds`, with or without its words."""
+
+    said: Said
+    wishes: Wishes
+    seed: int
+    seconds: float | None = None
+    spoken: bool = True
 
 
 class Made(NamedTuple):
@@ -141,21 +151,24 @@ def cut(whole: Movement, start: float, stop: float) -> Movement:
     return whole._replace(positions=whole.positions[frames])
 
 
-def perform(
-    bench: Bench, said: Said, wishes: Wishes, seed: int, seconds: float | None = None, spoken: bool = True,
-    seam: float | None = None,
-) -> Made:  # fmt: skip
-    """The model's motion to the first `seconds` of a clip's speech; without its words where not `spoken`."""
+def perform(bench: Bench, asked: Sequence[Ask], seam: float | None = None) -> list[Made]:
+    """The model's motion to every clip's speech, side by side; `seam` is w_body of Eq. 19, the model's own if None."""
     model, frame_s = bench.model, bench.model.config.frame_time
-    frames = len(said.take.motion) if seconds is None else min(round(seconds / frame_s), len(said.take.motion))
-    wave = wav.read(said.wav)[: round(frames * frame_s * wav.RATE_HZ)]
-    words: Sequence[Word] = [word for word in said.take.words if word.end <= frames * frame_s] if spoken else ()
-    asked = Request(steps=bench.steps, seed=seed, seam=seam)
-    latents = g.synthesize(model, wave, words, wishes, asked)
-    motion = motion_of(model, latents)[:frames]
-    if not np.isfinite(motion).all():
-        raise ValueError(f"the model made motion to '{said.take.name}' that is not finite; check its checkpoint.")
-    return Made(latents, motion, movement(model, motion))
+    frames = [len(one.said.take.motion[: one.seconds and round(one.seconds / frame_s)]) for one in asked]
+    voices = []
+    for one, count in zip(asked, frames, strict=True):
+        wave = wav.read(one.said.wav)[: round(count * frame_s * wav.RATE_HZ)]
+        words = [word for word in one.said.take.words if word.end <= count * frame_s] if one.spoken else ()
+        voices.append(Voice(wave, words, one.wishes, one.seed))
+    found = []
+    for one, count, latents in zip(asked, frames, chorus.synthesize(model, voices, bench.steps, seam), strict=True):
+        motion = motion_of(model, latents)[:count]
+        if not np.isfinite(motion).all():
+            raise ValueError(
+                f"the model made motion to '{one.said.take.name}' that is not finite; check its checkpoint."
+            )
+        found.append(Made(latents, motion, movement(model, motion)))
+    return found
 
 
 def wish(bench: Bench, prompt: Float[np.ndarray, " P"] | None, scale: float = SCALE) -> Wishes:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 import ledger
 import prompted
 import sweeps
-from prompted import Bench, Said
+from prompted import Ask, Bench, Said
 from zeggs_jax.diffuclip import body_parts, guidance, prompts, request
 from zeggs_jax.diffuclip.generate import Wishes
 from zeggs_jax.metrics import kinematic, movement, parts, recognition
@@ -107,25 +107,27 @@ def speech(bench: Bench, number: int) -> Said:
 
 def sra(bench: Bench, judge: Judge, kind: str, sampling: int) -> ledger.Row:
     """One sampling: every style asked for once by a prompt of a kind, each to a speech of its own."""
-    names, seen = judge.centroids.names, []
-    for number, style in enumerate(names):
-        said = speech(bench, number + 3 * sampling)
-        if kind == BRIDGE:
-            seen.append(judge.see(bridged(bench, said, style, sampling)))
-            continue
-        wishes = prompted.wish(bench, prompted.prompt(bench, kind, style, number + 17 * sampling))
-        seen.append(judge.see(prompted.perform(bench, said, wishes, sampling, SECONDS).movement))
+    names = judge.centroids.names
+    speeches = [speech(bench, number + 3 * sampling) for number in range(len(names))]
+    if kind == BRIDGE:
+        seen = [judge.see(bridged(bench, *each, sampling)) for each in zip(speeches, names, strict=True)]
+        return {"kind": "sra", "prompt": kind, "sampling": sampling, "made": list(names), "seen": seen}
+    wishes = [
+        prompted.wish(bench, prompted.prompt(bench, kind, style, k + 17 * sampling)) for k, style in enumerate(names)
+    ]
+    asked = [
+        Ask(said, wish, 100 * sampling + k, SECONDS)
+        for k, (said, wish) in enumerate(zip(speeches, wishes, strict=True))
+    ]
+    seen = [judge.see(made.movement) for made in prompted.perform(bench, asked)]
     return {"kind": "sra", "prompt": kind, "sampling": sampling, "made": list(names), "seen": seen}
 
 
-def unprompted(bench: Bench, judge: Judge, sampling: int) -> ledger.Row:
-    """What motion without a prompt is taken for."""
-    wishes = prompted.wish(bench, None)
-    seen = [
-        judge.see(prompted.perform(bench, speech(bench, k + 3 * sampling), wishes, sampling, SECONDS).movement)
-        for k in range(2)
-    ]
-    return {"kind": "unprompted", "sampling": sampling, "seen": seen}
+def unprompted(bench: Bench, judge: Judge) -> ledger.Row:
+    """What motion without a prompt is taken for, to as many speeches as there are styles."""
+    wish = prompted.wish(bench, None)
+    asked = [Ask(speech(bench, k), wish, k, SECONDS) for k in range(len(judge.centroids.names))]
+    return {"kind": "unprompted", "seen": [judge.see(made.movement) for made in prompted.perform(bench, asked)]}
 
 
 def bridged(bench: Bench, said: Said, style: str, sampling: int) -> Movement:
@@ -146,13 +148,17 @@ def bridged(bench: Bench, said: Said, style: str, sampling: int) -> Movement:
 
 def halves(bench: Bench, judges: Mapping[str, Judge], sampling: int, seam: float | None) -> ledger.Row:
     """One sampling of upper and lower body under prompts of their own (Eq. 19)."""
-    config, rows = bench.model.config, []
-    for number, (upper, lower) in enumerate(PAIRS):
-        texts = [captions.captions(name, 500 * sampling + number, held_out=True) for name in (upper, lower)]
-        asked = dict(zip(HALVES, [prompted.of_text(bench, text) for text in texts], strict=True))
-        own = np.stack([asked[name] for name in body_parts.names(config)])
-        both = guidance.Wish(own, np.full(len(own), prompted.SCALE, np.float32), body_parts.masks(config))  # type: ignore[arg-type]
+    config, asked = bench.model.config, []
+    for number, pair in enumerate(PAIRS):
+        texts = [captions.captions(name, 500 * sampling + number, held_out=True) for name in pair]
+        by_half = dict(zip(HALVES, [prompted.of_text(bench, text) for text in texts], strict=True))
+        own = np.stack([by_half[name] for name in body_parts.names(config)])
+        scales, masks = np.full(len(own), prompted.SCALE, np.float32), body_parts.masks(config)
+        both = guidance.Wish(own, scales, masks)  # type: ignore[arg-type]
         said = speech(bench, number + 3 * sampling)
-        made = prompted.perform(bench, said, Wishes((0.0,), (both,)), sampling, SECONDS, seam=seam).movement
-        rows.append({"asked": [upper, lower], "seen": [judges[half].see(made) for half in HALVES]})
+        asked.append(Ask(said, Wishes((0.0,), (both,)), 100 * sampling + number, SECONDS))
+    rows = [
+        {"asked": list(pair), "seen": [judges[half].see(made.movement) for half in HALVES]}
+        for pair, made in zip(PAIRS, prompted.perform(bench, asked, seam), strict=True)
+    ]
     return {"kind": "halves", "seam": "own" if seam is None else seam, "sampling": sampling, "rows": rows}
