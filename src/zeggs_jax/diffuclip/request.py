@@ -153,7 +153,7 @@ def embed(prompt: str, model: Model) -> tuple[Float[np.ndarray, " P"], tuple[str
         from . import video
 
         pieces = video.read(prompt, model.config.prompts.video_frames, model.config.prompts.pixels)
-        return _middle([_watch(model.params["prompts"], model.config, images) for images in pieces]), ()
+        return np.asarray(_watch(model.params["prompts"], model.config, pieces)), ()
     if not prompt.strip():
         raise ValueError("the prompt is empty; say how the body moves, as in --prompt 'an old, tired person'.")
     with warnings.catch_warnings(record=True) as told:
@@ -185,11 +185,7 @@ def stretches(motion: Float[np.ndarray, "T D"], model: Model) -> Float[np.ndarra
     rows = [np.pad(piece, ((0, longest - len(piece)), (0, 0))) for piece in pieces]
     masks = [np.arange(longest) < len(piece) for piece in pieces]
     pairs = zip(rows, masks, strict=True)
-    return _middle([_encode(model.params["prompts"], model.config, row, mask) for row, mask in pairs])
-
-
-def _middle(found: Sequence[Any]) -> Float[np.ndarray, " P"]:
-    """The mean of prompts, of unit length."""
+    found = [_encode(model.params["prompts"], model.config, row, mask) for row, mask in pairs]
     mean = np.mean(np.asarray(found), axis=0)
     return (mean / np.linalg.norm(mean)).astype(np.float32)
 
