@@ -148,3 +148,12 @@ def test_transcripts_lie_beside_the_pairs(tmp_path):
     assert found == ["a.txt", "b.json", None]
     (tmp_path / "corpus.csv").write_text("name,style\na,calm\n")
     assert corpus.find(tmp_path)[0].transcript == tmp_path / "a.txt"
+
+
+@pytest.mark.parametrize("suffix", [".TextGrid", ".srt", ".vtt", ".tsv", ".txt"])
+def test_a_transcript_of_an_aligner_lies_beside_too_and_json_goes_first(tmp_path, suffix):
+    for name in ("a.bvh", "a.wav", f"a{suffix}"):
+        (tmp_path / name).touch()
+    assert corpus.find(tmp_path)[0].transcript == tmp_path / f"a{suffix}"
+    (tmp_path / "a.json").touch()
+    assert corpus.find(tmp_path)[0].transcript == tmp_path / "a.json"

@@ -37,7 +37,7 @@ def survey(folder: str | Path) -> Survey:
     speaker's regions; or, synchronised and trimmed, in `clean/`); a `corpus.csv` with columns name,style and
     maybe split (name.bvh and name.wav, .flac or .ogg beside it, subfolders allowed); or pairs without a table,
     where the style is the name of the subfolder. Where no split is given, the last of four or more clips of a
-    style goes to validation. A name.json or name.txt beside a pair is its transcript.
+    style goes to validation. A name.json, .TextGrid, .srt, .vtt, .tsv or .txt beside a pair is its transcript.
 
     Raises FileNotFoundError for a missing folder, ValueError for one without any pair or a table that does not
     read.

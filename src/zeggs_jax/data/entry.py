@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 SPEECH_SUFFIXES = (".wav", ".flac", ".ogg")
-TRANSCRIPT_SUFFIXES = (".json", ".txt")
+TRANSCRIPT_SUFFIXES = (".json", ".TextGrid", ".textgrid", ".srt", ".vtt", ".tsv", ".txt")
 SPLITS = ("train", "valid")
 
 Split = Literal["train", "valid"]
@@ -28,7 +28,7 @@ class Entry(NamedTuple):
     style: str
     split: Split
     sync: Sync | None = None
-    transcript: Path | None = None  # name.json or name.txt beside the two
+    transcript: Path | None = None  # name.json, .TextGrid, .srt, .vtt, .tsv or .txt beside the two
 
 
 class Problem(NamedTuple):
@@ -46,7 +46,7 @@ class Survey(NamedTuple):
 
 
 def transcript_beside(stem: Path) -> Path | None:
-    """stem.json or else stem.txt, where there is one."""
+    """The transcript beside a clip, where there is one: stem.json before all others, stem.txt after them."""
     return beside(stem, TRANSCRIPT_SUFFIXES)
 
 

@@ -143,8 +143,8 @@ def _synchronised(entry: Entry) -> tuple[bvh.Clip, np.ndarray]:
 
 
 def _check_transcript(entry: Entry) -> None:
-    if entry.transcript is None:
-        return
+    if entry.transcript is None or entry.transcript.suffix.lower() not in (".json", ".txt"):
+        return  # whoever reads its times checks the others
     with _reading(entry.transcript):
         try:
             text = entry.transcript.read_text(encoding="utf-8-sig")
