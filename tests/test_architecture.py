@@ -46,7 +46,6 @@ TOUCH_DISK = {
     "diffuclip/request.py", "diffuclip/video.py", "diffuclip/safetensors_folder.py", "diffuclip/t5.py",
     "diffuclip/clip.py", "diffuclip/minilm.py",
     "zeroeggs/library_file.py", "zeroeggs/embedding.py", "zeroeggs/style_clip.py",
-    "diffuclip/safetensors_folder.py", "diffuclip/video.py",
 }  # fmt: skip
 DISK_NAMES = {"open", "pathlib", "os", "shutil", "tempfile"}
 
