@@ -1,4 +1,4 @@
-"""Weights in safetensors: the reference package's files, shards, half precision; broken folders told in one sentence."""
+"""Weights in safetensors: the reference package's files, shards, half precision; broken folders told in a sentence."""
 
 import json
 
@@ -15,7 +15,7 @@ def write(path, arrays, kinds=None):
     """A safetensors file by the published format."""
     header, at, raw = {"__metadata__": {"format": "pt"}}, 0, b""
     for name, array in arrays.items():
-        kind = (kinds or {}).get(name, KINDS[array.dtype] if array.dtype in KINDS else "BF16")
+        kind = (kinds or {}).get(name, KINDS.get(array.dtype, "BF16"))
         raw += array.tobytes()
         header[name] = {"dtype": kind, "shape": list(array.shape), "data_offsets": [at, len(raw)]}
         at = len(raw)
