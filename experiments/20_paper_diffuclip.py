@@ -60,6 +60,7 @@ def count(params: Any) -> float:
 def flops(function: Callable, *arguments: Any) -> float:
     """Of one call, as XLA counts them before it optimises; nothing is computed."""
     found = jax.jit(function).lower(*arguments).cost_analysis()
+    assert found is not None, "this backend counts no FLOPs"
     return float(found["flops"])
 
 

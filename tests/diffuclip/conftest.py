@@ -2,10 +2,22 @@
 
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
 
-from zeggs_jax.diffuclip.config import CodesConfig, DiffuclipConfig, StageConfig
+from zeggs_jax.data.scale import Scale
+from zeggs_jax.diffuclip import model, representation, video_encoder, wording
+from zeggs_jax.diffuclip.config import (
+    CodesConfig,
+    DenoiserConfig,
+    DiffuclipConfig,
+    DiffusionConfig,
+    JointConfig,
+    PromptsConfig,
+    StageConfig,
+)
+from zeggs_jax.diffuclip.model import Model
 from zeggs_jax.motion.bvh import Clip
 from zeggs_jax.motion.skeleton import Skeleton
 
@@ -61,3 +73,33 @@ def tiny() -> DiffuclipConfig:
         codes=CodesConfig(latent=6, codes=16, quantisers=2, width=12, halvings=2, depth=2, revive=0.5),
         learn_codes=StageConfig(30, 8, 3e-3, 5, seconds=0.8, ema=0.9),
     )
+
+
+def stirred(params, seed: int = 0):
+    """Parameters with noise on every one, so that nothing is silent that training would give a voice to."""
+    rng = np.random.default_rng(seed)
+    noisy = lambda leaf: leaf + np.float32(0.2) * rng.normal(size=leaf.shape).astype(np.float32)  # noqa: E731
+    return jax.tree.map(lambda leaf: noisy(leaf) if leaf.dtype == np.float32 else leaf, params)
+
+
+@pytest.fixture(scope="session")
+def tiny_model(body, tiny) -> Model:
+    """A whole model with drawn parameters: prompts of words, motion and video, two parts of the body."""
+    config = dataclasses.replace(
+        tiny,
+        joint=JointConfig("words", 12, 1, 2, text_layers=1, words=12, latents=24, saliency="rescaled"),
+        prompts=PromptsConfig(
+            "words", 12, 12, 1, 2, frames=30, patch=6, image="small", pixels=16, video_frames=3,
+            video_width=12, video_layers=1, video_heads=2,
+        ),
+        denoiser=DenoiserConfig(12, 1, 2, ahead=2, output="velocity"),
+        diffusion=DiffusionConfig(steps=40, context=8, chunk=4, short_steps=0),
+    )  # fmt: skip
+    key = jax.random.key(0)
+    params = stirred(model.init(key, config, body))
+    known = wording.known(["an old person", "happy"])
+    params["prompts"] = params["prompts"] | {"video": video_encoder.init(key, config), "known": known}
+    motion = np.concatenate([representation.encode(moving(body, 60, seed)) for seed in range(3)])
+    channels = config.latent_size
+    scale_z = Scale(np.zeros(channels, np.float32), np.full(channels, 0.3, np.float32))
+    return Model(config, params, representation.scale([motion], body), scale_z, body)

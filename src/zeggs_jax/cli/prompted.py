@@ -13,8 +13,8 @@ from .guards import keep_inputs, prepare_folder
 PROMPTS = {
     "old": "an old, tired person",
     "happy": "the person is happy",
-    "angry": "someone who speaks like an angry man",
-    "sneaky": "moves sneakily, crouched low",
+    "angry": "an angry person",
+    "sneaky": "sneaking, crouched low",
 }
 SCALES = (0.0, 1.0, 2.0, 3.0)
 SHORTEST_S = 2.5  # a prompt holds at least so long
