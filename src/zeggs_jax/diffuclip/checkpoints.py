@@ -47,12 +47,12 @@ def load_model(path: str | Path) -> Model:
     tree, metadata = checkpoint.load(path)
     try:
         config = from_dict(DiffuclipConfig, metadata["diffuclip"], f"config of checkpoint '{path}'")
-        scales = (Scale(**tree[name]) for name in ("motion_scale", "latent_scale"))
+        motion_scale, latent_scale = (Scale(**tree[name]) for name in ("motion_scale", "latent_scale"))
         params, skeleton = tree["params"], skeleton_from_json(metadata["skeleton"])
     except (KeyError, TypeError) as error:
         raise ValueError(f"checkpoint '{path}' is not a GestureDiffuCLIP model: {error} is missing.") from error
     params = jax.tree.map(lambda leaf: leaf.astype(np.float32) if leaf.dtype == np.float16 else leaf, params)
-    return Model(config, params, *scales, skeleton)
+    return Model(config, params, motion_scale, latent_scale, skeleton)
 
 
 def digest(model: Model) -> str:

@@ -128,5 +128,11 @@ def conditions(
         text.words, text.pooled, spoken.mask, config.joint.saliency, config.joint.sharpness
     )
     return Conditions(
-        rhythm, text.words, weights, spoken.times * config.latents_hz, spoken.mask, style, jnp.asarray(prompted)
+        rhythm,
+        text.words,
+        weights,
+        jnp.asarray(spoken.times) * config.latents_hz,
+        jnp.asarray(spoken.mask),
+        style,
+        jnp.asarray(prompted),
     )

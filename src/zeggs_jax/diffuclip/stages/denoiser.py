@@ -174,7 +174,8 @@ def _window(
     motion = (motion - motion_scale.mean) / motion_scale.std
     rhythm, _ = window(take.rhythm, start, length + config.denoiser.ahead)
     spoken = words_near(take.words, config, start, length)
-    return Window(latents, mask, rhythm, spoken, motion.astype(np.float32), motion_mask, style)
+    rows: Any = (latents, mask, rhythm, spoken, motion.astype(np.float32), motion_mask, style)
+    return Window(*rows)
 
 
 class Table(NamedTuple):
