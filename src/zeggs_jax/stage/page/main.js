@@ -261,7 +261,7 @@ async function main() {
   const mute = () => { clock.muted = !clock.muted; if (clock.track) clock.track.audio.muted = clock.muted; changed(); };
   const zoom = factor => { camera.zoom = Math.min(Math.max(camera.zoom * factor, 0.5), 6); redraw(); };
   const turn = (yaw, pitch) => { camera.yaw += yaw; camera.pitch = Math.min(Math.max(camera.pitch + pitch, -0.35), 1.5); redraw(); };
-  const seek = time => { document.body.dataset.touched = ""; clock.seek(time); redraw(); };
+  const seek = time => { document.body.dataset.touched = ""; clock.seek(time); showTime(); redraw(); };
   for (const [id, act] of Object.entries({ play: toggle, start: toggle, loop: repeat, mute, reset })) $(id).onclick = act;
   $("seek").max = clock.duration; $("seek").step = "any";
   $("seek").oninput = () => seek(+$("seek").value);
