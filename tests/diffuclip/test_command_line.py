@@ -244,6 +244,7 @@ def test_settings_are_printed_whole_and_read_back(zeggs, tmp_path):
     assert json.loads(zeggs("diffuclip", "train", "--print-config")[1])["denoiser"]["width"] == 768
 
 
+@pytest.mark.slow
 def test_the_demo_shows_one_speech_under_many_prompts(zeggs, folder, tmp_path, monkeypatch):
     monkeypatch.setattr(prompted, "PROMPTS", {name: name for name in ("old", "happy", "angry", "sneaky")})
     given = ("--speech", folder / "speech.wav", "--transcript", folder / "words.json", "--checkpoint", folder / "model")
