@@ -226,7 +226,7 @@ def _draw_sra(axes: Any, letter: str, of: Found) -> None:
 def _draw_paired(axes: Any, letter: str, of: Found) -> None:
     rows = {_short(name): row["right"] for name, row in of["conditions"].items()}
     _bars(axes, rows)
-    axes.set(title=f"({letter}) right gesture within 0.5 s", xlim=(0, 1.02), xlabel="share of words")
+    axes.set(title=f"({letter}) right gesture", xlim=(0, 1.02), xlabel="share of words, within 0.5 s")
 
 
 def _bars(axes: Any, rows: dict[str, Found]) -> None:
@@ -252,4 +252,4 @@ def _draw_guidance(axes: Any, letter: str, of: Found) -> None:
         line = {"color": plots.COLOURS[k % len(plots.COLOURS)], "linestyle": ("-", "--")[k // len(plots.COLOURS)]}
         axes.plot(guided.SCALES, (read - read[0]) / way, label=f"{style}: {row['factor']}", linewidth=0.9, **line)
     axes.set(title=f"({letter}) prompted factor", xlabel="guidance scale s", ylabel="change, of its range")
-    axes.legend(fontsize=4.5, loc="lower right")
+    axes.legend(fontsize=4.5, loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)
