@@ -226,7 +226,7 @@ def _draw_sra(axes: Any, letter: str, of: Found) -> None:
 def _draw_paired(axes: Any, letter: str, of: Found) -> None:
     rows = {_short(name): row["right"] for name, row in of["conditions"].items()}
     _bars(axes, rows)
-    axes.set(title=f"({letter}) right gesture", xlim=(0, 1.02), xlabel="share of words, within 0.5 s")
+    axes.set(title=f"({letter}) right gesture in 0.5 s", xlim=(0, 1.02), xlabel="share of words")
 
 
 def _bars(axes: Any, rows: dict[str, Found]) -> None:
