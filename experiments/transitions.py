@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from zeggs_jax.metrics import kinematic, movement
+from zeggs_jax.metrics import kinematic
 from zeggs_jax.metrics.movement import Movement
 from zeggs_jax.motion import bvh
 from zeggs_jax.motion.bvh import Clip
@@ -59,7 +59,7 @@ def peaks(clip: Clip, times: Sequence[float]) -> Peaks:
     Acceleration is the second difference times rate squared. A window begins a frame early: in the difference of the
     frames t - 2, t - 1 and t a jump at t shows first.
     """
-    return peaks_of(movement.of(clip), times)
+    return peaks_of(Movement(kinematic.world_positions(clip), bvh.rate_hz(clip.frame_time), clip.skeleton), times)
 
 
 def peaks_of(motion: Movement, times: Sequence[float]) -> Peaks:
