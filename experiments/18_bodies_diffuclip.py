@@ -1,6 +1,6 @@
 """Bodies under prompts: one speech in four styles, guidance 0 to 3, sentence by sentence, by halves (Fig. 1, 9, 10).
 
-    python experiments/19_bodies_diffuclip.py -o runs/bodies [--checkpoint RUN] [--speech WAV --transcript JSON]
+    python experiments/18_bodies_diffuclip.py -o runs/bodies [--checkpoint RUN] [--speech WAV --transcript JSON]
 
 Each row of (a) is shown at the words written above it; (b) and (c) at the instant nearest to the mean pose, (d) in the
 middle of every sentence, whose prompt is written above.
