@@ -1,7 +1,7 @@
 """The paper's sizes (Ao et al. 2023) on ZEGGS or BEAT: parameters, work, memory and disk beforehand; then the training.
 
-    python experiments/20_paper_diffuclip.py                                             # only the estimates
-    python experiments/20_paper_diffuclip.py CORPUS -o runs/paper --t5 T5 --clip CLIP    # ... and all stages
+    python experiments/19_paper_diffuclip.py                                             # only the estimates
+    python experiments/19_paper_diffuclip.py CORPUS -o runs/paper --t5 T5 --clip CLIP    # ... and all stages
     zeggs diffuclip generate speech.wav --transcript words.TextGrid --prompt old --checkpoint runs/paper -o a.bvh
 
 CORPUS is a folder of name.bvh + name.wav + a transcript with word times (name.TextGrid, .json, .srt), as ZEGGS or BEAT
