@@ -193,7 +193,7 @@ SMALL = DiffuclipConfig(
     learn_gestures=StageConfig(1000, 32, 5e-4, 100, seconds=8.0),
     learn_joint=StageConfig(800, 48, 5e-4, 100, seconds=8.0),
     learn_prompts=StageConfig(1200, 64, 5e-4, 100, seconds=6.0),
-    learn_video=StageConfig(1500, 16, 5e-4, 100, seconds=6.0),
+    learn_video=StageConfig(800, 16, 5e-4, 100, seconds=6.0),
     learn_denoiser=StageConfig(4000, 32, 5e-4, 300, seconds=6.4, ema=0.999),
 )  # fmt: skip
 """The bundled model's settings: every part of the paper's system, small enough to train on two CPU cores."""
