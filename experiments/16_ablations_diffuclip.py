@@ -35,7 +35,7 @@ PROMPT = "text, held-out paraphrase"
 def variants(base: DiffuclipConfig, updates: int | None = None) -> dict[str, DiffuclipConfig]:
     """The full system and its variants, one thing changed in each."""
     if updates is not None:
-        learn = replace(base.learn_denoiser, steps=updates, warmup=min(base.learn_denoiser.warmup, updates // 10))
+        learn = replace(base.learn_denoiser, steps=updates, warmup=min(base.learn_denoiser.warmup, updates // 3))
         base = replace(base, learn_denoiser=learn)
     return {
         "full": base,
