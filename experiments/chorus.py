@@ -76,7 +76,9 @@ def _told(voice: Voice, config: DiffuclipConfig, first: int, length: int, now: f
 
 @partial(jax.jit, static_argnames="config")
 def _conditions(params: Any, config: DiffuclipConfig, rhythm: Any, spoken: Any, styles: Any) -> Any:
-    return jax.vmap(lambda *each: model.conditions(params, config, *each, True))(rhythm, spoken, styles)
+    return jax.vmap(lambda heard, said, style: model.conditions(params, config, heard, said, style, True))(
+        rhythm, spoken, styles
+    )
 
 
 @partial(jax.jit, static_argnames=("config", "settings", "seam"))

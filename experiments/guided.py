@@ -22,7 +22,7 @@ SCALES = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
 
 def factor_of(style: str) -> tuple[str, float]:
     """(the factor that makes a style what it is, +1 or -1): the farthest from the mean of all, in its span."""
-    middle = np.mean([styles.STYLES[name] for name in styles.TRAINING], axis=0)
+    middle = np.mean([np.asarray(styles.STYLES[name]) for name in styles.TRAINING], axis=0)
     apart = (np.asarray(styles.STYLES[style]) - middle) / truth.SPAN
     most = int(np.abs(apart).argmax())
     return truth.NAMES[most], float(np.sign(apart[most]))
