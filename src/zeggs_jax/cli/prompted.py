@@ -42,7 +42,7 @@ def demo(out: Path, speech: Path | None, transcript: Path | None, seed: int, che
     samples, rate = player.read_speech(speech)
     prepare_folder(out)
     copy = out / f"speech{speech.suffix}"
-    planned = shots(transcript, len(samples) / rate, seed)
+    planned = shots(speech, transcript, len(samples) / rate, seed)
     outputs = (out / "index.html", copy, *(out / f"{shot.name}.bvh" for shot in planned))
     keep_inputs(outputs, tuple(str(path) for path in (speech, transcript) if path is not None))
     model = g.load_model(checkpoint) if checkpoint else g.bundled_model()
@@ -59,17 +59,17 @@ def demo(out: Path, speech: Path | None, transcript: Path | None, seed: int, che
     print(f"wrote {len(figures)} BVH files, their speech and a page; open {out / 'index.html'}")
 
 
-def shots(transcript: Path | None, seconds: float, seed: int) -> list[Shot]:
+def shots(speech: Path, transcript: Path | None, seconds: float, seed: int) -> list[Shot]:
     """What the demo shows: prompts of text, guidance, prompts that change, prompts for parts of the body."""
     from ..diffuclip.request import Request
 
     plain = Request(transcript=None if transcript is None else str(transcript), seed=seed)
     made = [Shot(name, "Four prompts", text, replace(plain, prompt=text)) for name, text in PROMPTS.items()]
     for scale in SCALES:
-        label = f"“{PROMPTS['happy']}”, guidance {scale:g}"
+        label = f"happy, guidance {scale:g}"
         asked = replace(plain, prompt=PROMPTS["happy"], scale=scale)
         made.append(Shot(f"guidance_{scale:g}", "Guidance", label, asked))
-    asked = replace(plain, timeline=_changing(transcript, seconds))
+    asked = replace(plain, timeline=_changing(speech, transcript, seconds))
     made.append(Shot("sentences", "By the sentence", "a prompt for every sentence", asked))
     for upper, lower in (("happy", "old"), ("old", "happy"), ("angry", "sneaky")):
         asked = replace(plain, parts=(("upper", PROMPTS[upper]), ("lower", PROMPTS[lower])))
@@ -77,14 +77,14 @@ def shots(transcript: Path | None, seconds: float, seed: int) -> list[Shot]:
     return made
 
 
-def _changing(transcript: Path | None, seconds: float) -> Any:
+def _changing(speech: Path, transcript: Path | None, seconds: float) -> Any:
     """The prompts one after another, by the sentence; every five seconds of a speech whose words are not known."""
     from ..diffuclip import request as r
 
     texts = list(PROMPTS.values())
     begun = [5.0 * k for k in range(int(seconds / 5.0) + 1)]
     if transcript is not None:
-        begun = [sentence.start for sentence in r.spoken(transcript)]
+        begun = [sentence.start for sentence in r.spoken(transcript, speech)]
     starts = [0.0]
     for start in begun[1:]:
         if starts[-1] + SHORTEST_S <= start <= seconds - SHORTEST_S:
