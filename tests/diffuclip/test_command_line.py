@@ -37,6 +37,8 @@ def folder(tmp_path_factory, tiny_model, clip):
     words = [dict(zip(("text", "start", "end"), word, strict=True)) for word in WORDS]
     (where / "words.json").write_text(json.dumps({"words": words}))
     (where / "later.json").write_text(json.dumps({"words": [{"text": "late", "start": 8, "end": 9}]}))
+    (where / "words.txt").write_text("A big dog. It runs.")
+    (where / "long.txt").write_text("monologues " * 60)
     (where / "words.doc").write_text("a big dog")
     bvh.write(where / "clip.bvh", clip)
     names = (*clip.skeleton.names[:-1], "Tail")
@@ -118,6 +120,12 @@ def test_parts_and_timelines_are_the_requests(zeggs, folder, tmp_path, tiny_mode
         assert len(found.euler) == 60
 
 
+def test_a_text_without_times_is_noted_and_parts_prompts(zeggs, folder, tmp_path):
+    given = ("--transcript", folder / "words.txt", "--timeline", folder / "sentences.timeline")
+    _, noted = made(zeggs, folder, tmp_path / "a.bvh", *given)
+    assert "words.txt' has no times" in noted
+
+
 def test_a_prompt_over_the_limit_is_cut_with_a_note(zeggs, folder, tmp_path, monkeypatch):
     monkeypatch.setattr("zeggs_jax.diffuclip.wording.installed", lambda: False)
     long = " ".join(["slowly"] * 60)
@@ -150,6 +158,12 @@ WRONG = [
     (("--scale", "nan"), "guidance scale is nan"),
     (("--steps", "0"), "0 steps"),
     (("--chunk", "0"), "chunks of 0"),
+    (("--chunk", "10000"), "learnt from windows of 112; give at most so many"),
+    (("--steps", "-3"), "-3 steps were asked for"),
+    (("--steps", "41"), "this model's process has 40"),
+    (("--upper", "old", "--seam", "nan"), "the seam's weight is nan"),
+    (("--upper", "old", "--seam=-1"), "the seam's weight is -1"),
+    (("--transcript", "{f}/long.txt"), "60 words for"),
     (("--checkpoint", "{f}/none"), "holds no model"),
     (("--checkpoint", "{f}/unfinished"), "not finished"),
     (("--checkpoint", str(zeroeggs.BUNDLE / "model")), "is not a GestureDiffuCLIP model"),
@@ -267,7 +281,9 @@ def test_the_demo_changes_its_prompt_with_the_sentence_but_not_too_often(folder,
     words = [{"text": "word.", "start": start, "end": end} for start, end in spoken]
     (tmp_path / "words.json").write_text(json.dumps({"words": words}))
     for transcript, starts in ((tmp_path / "words.json", [0.0, 3.2, 7.0]), (None, [0.0, 5.0])):
-        shot = next(shot for shot in prompted.shots(transcript, 11.0, 0) if shot.name == "sentences")
+        shot = next(
+            shot for shot in prompted.shots(folder / "speech.wav", transcript, 11.0, 0) if shot.name == "sentences"
+        )
         assert [cue.time for cue in shot.asked.timeline] == starts
         assert all(a.prompt != b.prompt for a, b in pairwise(shot.asked.timeline))
         request.check_cues(shot.asked.timeline)

@@ -103,7 +103,7 @@ def generate(
         speech: A WAV, FLAC or OGG recording.
         out: The BVH file to write.
         prompt: How the body shall move: words, as in "an old, tired person", or a .bvh clip, or a video (.mp4).
-        transcript: The timed words of the speech: .json, .srt, .vtt, .tsv or .TextGrid.
+        transcript: The words of the speech, timed: .json, .srt, .vtt, .tsv or .TextGrid; or, less exact, a plain .txt.
         scale: How strongly the prompt is followed: 0 not at all, 1 as trained, more exaggerates.
         upper: A prompt for the upper body alone.
         lower: A prompt for the lower body alone.
@@ -122,8 +122,8 @@ def generate(
 
     parts = tuple((name, text) for name, text in (("upper", upper), ("lower", lower)) if text is not None)
     asked = g.Request(
-        prompt=prompt, timeline=_cues(timeline, transcript), parts=parts, scale=scale, steps=steps, solver=solver,
-        seam=seam, chunk=chunk, transcript=None if transcript is None else str(transcript), seed=seed,
+        prompt=prompt, timeline=_cues(timeline, transcript, speech), parts=parts, scale=scale, steps=steps,
+        solver=solver, seam=seam, chunk=chunk, transcript=None if transcript is None else str(transcript), seed=seed,
     )  # fmt: skip
     outputs = tuple(filter(None, (out, html)))
     shown = (text for text in (prompt, *(text for _, text in parts), *(cue.prompt for cue in asked.timeline)) if text)
@@ -145,13 +145,13 @@ def generate(
     print(f"wrote {out}: {gesture.clip.euler.shape[0]} frames")
 
 
-def _cues(timeline: Path | None, transcript: Path | None) -> Any:
+def _cues(timeline: Path | None, transcript: Path | None, speech: Path) -> Any:
     """Prompts over time; by the sentence, where the file says so."""
     if timeline is None:
         return ()
     from ..diffuclip import request as r
 
-    return r.read_timeline(timeline, () if transcript is None else r.spoken(transcript))
+    return r.read_timeline(timeline, () if transcript is None else r.spoken(transcript, speech))
 
 
 def figure(asked: Any, gesture: Any, speech: Path, label: str | None = None) -> Any:

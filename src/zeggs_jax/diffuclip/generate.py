@@ -31,6 +31,7 @@ from .takes import heard
 __all__ = ["BUNDLE", "Cue", "Gesture", "Request", "bundled_model", "bundled_speech", "generate", "load_model", "save"]
 
 BUNDLE = Path(str(files("zeggs_jax.diffuclip") / "pretrained"))
+GUESSED = "'{}' has no times: its words share the time of the voice; timed words place gestures better."
 BEYOND_S = 1.0  # words may end this long after the recording, by their aligner's rounding
 
 
@@ -80,8 +81,10 @@ def generate(
     frames = round(len(wave) / wav.RATE_HZ / model.config.frame_time)
     if frames < 1:
         raise ValueError(f"the speech lasts {len(wave) / wav.RATE_HZ:.3f} s, less than a frame; give a longer one.")
-    words = () if asked.transcript is None else read_words(asked.transcript, len(wave) / wav.RATE_HZ)
-    prompts, notes = read_prompts(asked, model, len(wave) / wav.RATE_HZ)
+    request.check_fits(asked, model)
+    words, untimed = ((), ()) if asked.transcript is None else read_words(asked.transcript, wave)
+    prompts, told = read_prompts(asked, model, len(wave) / wav.RATE_HZ)
+    notes = (*untimed, *told)
     latents = synthesize(model, wave, words, prompts, asked, progress)
     motion = motion_of(model, latents)[:frames]
     if not np.isfinite(motion).all():
@@ -90,16 +93,16 @@ def generate(
     return Gesture(clip, latents, words, {**provenance(speech, asked, model), "notes": notes}, notes)
 
 
-def read_words(path: str | Path, seconds: float) -> tuple[Word, ...]:
-    """The timed words of a transcript; ValueError where they go on after the speech has ended."""
-    words = transcript.read(path)
+def read_words(path: str | Path, wave: Float[np.ndarray, " n"]) -> tuple[tuple[Word, ...], tuple[str, ...]]:
+    """(the words of a transcript, notes); ValueError where they go on after the speech has ended."""
+    words, seconds = transcript.read(path, wave), len(wave) / wav.RATE_HZ
     last = max(words, key=lambda word: word.end)
     if last.end > seconds + BEYOND_S:
         raise ValueError(
             f"transcript '{path}' ends with '{last.text}' at {last.end:.1f} s, but the speech lasts {seconds:.1f} s; "
             "give the transcript of this recording."
         )
-    return words
+    return words, (GUESSED.format(path),) if transcript.is_untimed(path) else ()
 
 
 class Wishes(NamedTuple):
@@ -111,7 +114,6 @@ class Wishes(NamedTuple):
 
 def read_prompts(asked: Request, model: Model, seconds: float) -> tuple[Wishes, tuple[str, ...]]:
     """(what is wished for over time, what is worth knowing of it)."""
-    request.check_parts(asked, model)
     late = next((cue for cue in asked.timeline if cue.time >= seconds), None)
     if late is not None:
         raise ValueError(f"the timeline has a prompt at {late.time:g} s, but the speech lasts {seconds:.1f} s; cut it.")

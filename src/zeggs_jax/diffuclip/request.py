@@ -14,7 +14,7 @@ from jaxtyping import Float
 from ..data import scale
 from ..data.body import normalise_like
 from ..motion import bvh, edit
-from ..speech import transcript
+from ..speech import transcript, wav
 from ..speech.transcript import Sentence
 from . import body_parts, prompts, representation
 from .model import Model
@@ -59,8 +59,12 @@ class Request:
             raise ValueError("a timeline and prompts for parts of the body were given; give one of them.")
         if not np.isfinite(self.scale) or self.scale < 0:
             raise ValueError(f"the guidance scale is {self.scale}; give 0 or more, 2 is usual.")
-        if self.steps < 1 or (self.chunk is not None and self.chunk < 1):
-            raise ValueError(f"{self.steps} steps and chunks of {self.chunk} were asked for; give 1 or more of each.")
+        if self.steps < 1:
+            raise ValueError(f"{self.steps} steps were asked for; give 1 or more, 20 is usual.")
+        if self.chunk is not None and self.chunk < 1:
+            raise ValueError(f"chunks of {self.chunk} latents were asked for; give 1 or more, 8 is usual.")
+        if self.seam is not None and not 0 <= self.seam < np.inf:
+            raise ValueError(f"the seam's weight is {self.seam}; give 0 or more, 0.01 is usual.")
         names = [name for name, _ in self.parts]
         if len(set(names)) < len(names):
             raise ValueError(f"a part of the body has two prompts ({', '.join(names)}); give one each.")
@@ -108,9 +112,9 @@ def read_timeline(path: str | Path, spoken: Sequence[Sentence] = ()) -> tuple[Cu
     return made
 
 
-def spoken(path: str | Path) -> tuple[Sentence, ...]:
-    """The sentences of a transcript with timed words; errors are those of `speech.transcript.read`."""
-    return transcript.sentences(transcript.read(path))
+def spoken(path: str | Path, speech: str | Path) -> tuple[Sentence, ...]:
+    """The sentences of a speech's transcript; errors are those of `speech.transcript.read` and `speech.wav.read`."""
+    return transcript.sentences(transcript.read(path, wav.read(speech)))
 
 
 def by_sentence(spoken: Sequence[Sentence], texts: Sequence[str]) -> tuple[Cue, ...]:
@@ -194,8 +198,16 @@ _encode = jax.jit(prompts.encode_motion, static_argnames="config")
 _watch = jax.jit(prompts.encode_video, static_argnames="config")
 
 
-def check_parts(request: Request, model: Model) -> None:
-    """ValueError where a part of the body has a prompt but no latents of its own."""
+def check_fits(request: Request, model: Model) -> None:
+    """ValueError for what this model cannot do: parts of the body, steps, and chunks that it has not learnt."""
+    diffusion, learnt = model.config.diffusion, round(model.config.learn_denoiser.seconds * model.config.latents_hz)
+    if request.steps > diffusion.steps:
+        raise ValueError(f"{request.steps} steps were asked for, but this model's process has {diffusion.steps}.")
+    if request.chunk is not None and request.chunk > learnt:
+        raise ValueError(
+            f"chunks of {request.chunk} latents were asked for, but this model has learnt from windows of {learnt}; "
+            f"give at most so many, {diffusion.chunk} is usual."
+        )
     known = body_parts.names(model.config)
     for name, _ in request.parts:
         if name not in known or not model.config.parts:

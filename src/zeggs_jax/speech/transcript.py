@@ -1,4 +1,4 @@
-"""What was said and when: timed words from JSON, TSV, TextGrid or subtitle files, and the sentences they make."""
+"""What was said and when: words from JSON, TSV, TextGrid, subtitle or text files, and the sentences they make."""
 
 import json
 import math
@@ -7,13 +7,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from . import subtitles
+import numpy as np
+from jaxtyping import Float
+
+from . import subtitles, voiced
 
 PAUSE_S = 0.6  # between sentences, where nothing is punctuated
 ENDS = (".", "!", "?", "…", "。", "！", "？")
 CLOSING = "\"'”’»)]"
 SILENCES = ("", "sil", "sp", "spn", "<eps>", "<sil>", "<p:>", "[silence]")  # labels of aligners that are no words
 FORMS = ".json (a corpus' or Whisper's), .srt, .vtt, .tsv (start, end, word) or .TextGrid"
+FASTEST = 40.0  # letters in a second of voice; nobody speaks faster
 
 
 class Word(NamedTuple):
@@ -45,17 +49,19 @@ class Sentence(NamedTuple):
         return " ".join(word.text for word in self.words)
 
 
-def read(path: str | Path) -> tuple[Word, ...]:
+def read(path: str | Path, wave: Float[np.ndarray, " n"] | None = None) -> tuple[Word, ...]:
     """The timed words of a speech, in seconds, in order.
 
     Read are: JSON with "words" (text or word, start, end), as a synthetic corpus and aligners have it, or with
     "segments" (Whisper, WhisperX); TSV with start, end and word in seconds (GENEA), or Whisper's in milliseconds (it
     has a head line); TextGrids of Praat in either text form, from a tier called "words" or the only one; subtitles
     (SubRip, WebVTT). Where only segments or captions are timed, their words share the time by their numbers of letters.
+    So do those of a plain text (.txt without tabs) the time in which a voice is heard, where the speech's samples at
+    16 kHz are given: right for a sentence, rough for minutes.
 
     Raises:
         ValueError, OSError: no such file, another format, no words, times that are negative, no numbers or
-            not in order.
+            not in order; a plain text without samples, or with far more words than they can hold.
     """
     path = Path(path)
     kinds = {".json": _json, ".tsv": _tsv, ".txt": _tsv, ".textgrid": _textgrid, ".srt": _shown, ".vtt": _shown}
@@ -64,9 +70,8 @@ def read(path: str | Path) -> tuple[Word, ...]:
     if not path.is_file():
         raise FileNotFoundError(f"transcript '{path}' does not exist; give {FORMS}.")
     try:
-        raw = path.read_bytes()
-        text = raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
-        words = tuple(kinds[path.suffix.lower()](text))
+        text = _decoded(path)
+        words = tuple(_heard(text, wave) if _is_plain(path, text) else kinds[path.suffix.lower()](text))
         _check(words)
     except UnicodeDecodeError as error:
         raise ValueError(f"transcript '{path.name}' is not text in UTF-8 or UTF-16; save it as such.") from error
@@ -75,6 +80,20 @@ def read(path: str | Path) -> tuple[Word, ...]:
     except ValueError as error:
         raise ValueError(f"transcript '{path.name}': {error}") from error
     return words
+
+
+def is_untimed(path: str | Path) -> bool:
+    """Is this transcript, which `read` reads, a plain text?"""
+    return _is_plain(Path(path), _decoded(Path(path)))
+
+
+def _is_plain(path: Path, text: str) -> bool:
+    return path.suffix.lower() == ".txt" and "\t" not in text and bool(text.strip())
+
+
+def _decoded(path: Path) -> str:
+    raw = path.read_bytes()
+    return raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
 
 
 def _check(words: Sequence[Word]) -> None:
@@ -137,6 +156,18 @@ def _shared(text: str, start: float, end: float) -> list[Word]:
     until = [sum(len(one) for one in labels[:k]) for k in range(len(labels) + 1)]
     at = [start + (end - start) * letters / max(until[-1], 1) for letters in until]
     return [Word(label, *span) for label, *span in zip(labels, at[:-1], at[1:], strict=True)]
+
+
+def _heard(text: str, wave: Float[np.ndarray, " n"] | None) -> list[Word]:
+    """The words of a plain text, which share the time of the voice."""
+    if wave is None:
+        raise ValueError(f"its words have no times; give {FORMS}.")
+    words = _shared(text, 0.0, 1.0)
+    spans = voiced.times(wave, np.array([(word.start, word.end) for word in words]))
+    letters, seconds = sum(len(word.text) for word in words), float(voiced.speaking(wave).sum() / voiced.RATE_HZ)
+    if letters > FASTEST * seconds:
+        raise ValueError(f"it has {len(words)} words for {seconds:.1f} s of voice; give the text of this recording.")
+    return [word._replace(start=float(a), end=float(b)) for word, (a, b) in zip(words, spans, strict=True)]
 
 
 def _shown(text: str) -> list[Word]:
