@@ -159,6 +159,8 @@ WRONG = [
     (("--steps", "0"), "0 steps"),
     (("--chunk", "0"), "chunks of 0"),
     (("--chunk", "10000"), "learnt from windows of 112; give at most so many"),
+    (("--seed", "99999999999999999999"), "the seed is 9999"),
+    (("--seed", "-1"), "the seed is -1"),
     (("--steps", "-3"), "-3 steps were asked for"),
     (("--steps", "41"), "this model's process has 40"),
     (("--upper", "old", "--seam", "nan"), "the seam's weight is nan"),
@@ -213,6 +215,13 @@ def test_names_that_cannot_be_are_one_sentence(zeggs, folder, tmp_path, speech, 
     given = ("--checkpoint", folder / "model", "--prompt", folder / "clip.bvh", "-o", target)
     complains(zeggs, tmp_path, sentence, "diffuclip", "generate", folder / speech, *given)
     assert len(bvh.read(folder / "clip.bvh").euler) == 90
+
+
+@pytest.mark.parametrize("flag", ["--html", "--transcript"])
+def test_what_tells_of_the_making_is_written_over_nothing_else(zeggs, folder, tmp_path, flag):
+    place = tmp_path / "o.provenance.json"
+    given = ("--checkpoint", folder / "model", "-o", tmp_path / "o.bvh", flag, place)
+    complains(zeggs, tmp_path, "would be written over", "diffuclip", "generate", folder / "speech.wav", *given)
 
 
 def hugging_face(where, **told):

@@ -126,9 +126,10 @@ def generate(
         solver=solver, seam=seam, chunk=chunk, transcript=None if transcript is None else str(transcript), seed=seed,
     )  # fmt: skip
     outputs = tuple(filter(None, (out, html)))
+    claimed = (*outputs, out.with_suffix(".provenance.json"))
     shown = (text for text in (prompt, *(text for _, text in parts), *(cue.prompt for cue in asked.timeline)) if text)
     named = tuple(text for text in shown if r.kind_of(text) != "text")
-    keep_inputs(outputs, (*map(str, filter(None, (speech, transcript, timeline))), *named))
+    keep_inputs(claimed, (*map(str, filter(None, (speech, transcript, timeline))), *named))
     if out.suffix.lower() != ".bvh":
         raise ValueError(f"'{out}' is no name for motion; give one that ends in .bvh.")
     for path in outputs:

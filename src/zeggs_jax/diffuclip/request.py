@@ -65,6 +65,8 @@ class Request:
             raise ValueError(f"chunks of {self.chunk} latents were asked for; give 1 or more, 8 is usual.")
         if self.seam is not None and not 0 <= self.seam < np.inf:
             raise ValueError(f"the seam's weight is {self.seam}; give 0 or more, 0.01 is usual.")
+        if not 0 <= self.seed < 2**32:
+            raise ValueError(f"the seed is {self.seed}; give a whole number from 0 to {2**32 - 1}.")
         names = [name for name, _ in self.parts]
         if len(set(names)) < len(names):
             raise ValueError(f"a part of the body has two prompts ({', '.join(names)}); give one each.")
