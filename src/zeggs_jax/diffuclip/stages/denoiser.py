@@ -148,7 +148,7 @@ def _judge(config: DiffuclipConfig, params: Params, held: Window, frozen: Frozen
 def _batch(config: DiffuclipConfig, material: Material, table: "Table", k: int, split: str) -> Window:
     """Batch k: random windows of takes, drawn by their length, each under a prompt of its take."""
     settings, draw = config.learn_denoiser, np.random.default_rng([config.seed, 6, k])
-    chosen = [i for i, take in enumerate(material.takes) if take.split == split]
+    chosen = [i for i, take in enumerate(material.takes) if take.split == split] or list(range(len(material.takes)))
     long = np.array([len(material.encoded[i].latents) for i in chosen], float)
     picked = draw.choice(chosen, settings.batch, p=long / long.sum())
     length = round(settings.seconds * config.latents_hz)
