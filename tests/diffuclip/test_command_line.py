@@ -101,6 +101,14 @@ def test_every_kind_of_prompt_is_followed_and_the_seed_decides(zeggs, folder, tm
     assert np.abs(first - without).max() > 1e-3
 
 
+def test_a_page_names_the_file_of_a_prompt_and_not_its_folder(zeggs, folder, tmp_path):
+    given = ("--upper", folder / "clip.bvh", "--prompt", "sad", "--html", tmp_path / "a.html")
+    made(zeggs, folder, tmp_path / "a.bvh", *given)
+    page = (tmp_path / "a.html").read_text()
+    assert "clip.bvh" in page
+    assert str(folder) not in page
+
+
 def test_parts_and_timelines_are_the_requests(zeggs, folder, tmp_path, tiny_model):
     words = folder / "words.json"
     flags = {

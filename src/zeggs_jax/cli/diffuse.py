@@ -85,6 +85,7 @@ def generate(
     out: Out,
     prompt: Prompt = None,
     transcript: Path | None = None,
+    transcribe: Path | None = None,
     scale: float = 2.0,
     upper: Prompt = None,
     lower: Prompt = None,
@@ -104,6 +105,7 @@ def generate(
         out: The BVH file to write.
         prompt: How the body shall move: words, as in "an old, tired person", or a .bvh clip, or a video (.mp4).
         transcript: The words of the speech, timed: .json, .srt, .vtt, .tsv or .TextGrid; or, less exact, a plain .txt.
+        transcribe: Without a transcript: write the English words that a recogniser hears to this .json, and use them.
         scale: How strongly the prompt is followed: 0 not at all, 1 as trained, more exaggerates.
         upper: A prompt for the upper body alone.
         lower: A prompt for the lower body alone.
@@ -120,6 +122,8 @@ def generate(
     from ..diffuclip import generate as g
     from ..diffuclip import request as r
 
+    if transcribe is not None:
+        transcript = _heard(transcribe, transcript, speech)
     parts = tuple((name, text) for name, text in (("upper", upper), ("lower", lower)) if text is not None)
     asked = g.Request(
         prompt=prompt, timeline=_cues(timeline, transcript, speech), parts=parts, scale=scale, steps=steps,
@@ -146,6 +150,17 @@ def generate(
     print(f"wrote {out}: {gesture.clip.euler.shape[0]} frames")
 
 
+def _heard(words: Path, transcript: Path | None, speech: Path) -> Path:
+    """The file `words`, once the words of the speech are heard and written to it."""
+    from ..diffuclip import asr
+
+    if transcript is not None:
+        raise ValueError("--transcript and --transcribe were given; give one of them.")
+    keep_inputs((words,), (str(speech),))
+    prepare_folder(words.parent)
+    return asr.write(words, asr.transcribe(speech))
+
+
 def _cues(timeline: Path | None, transcript: Path | None, speech: Path) -> Any:
     """Prompts over time; by the sentence, where the file says so."""
     if timeline is None:
@@ -159,10 +174,19 @@ def figure(asked: Any, gesture: Any, speech: Path, label: str | None = None) -> 
     """What the page shows of a gesture: the body, its prompt, and the words as they are spoken."""
     from ..stage import player
 
-    cues = tuple((cue.time, cue.prompt) for cue in asked.timeline)
+    cues = tuple((cue.time, _named(cue.prompt)) for cue in asked.timeline)
     return player.Figure(label or _label(asked), gesture.clip, speech, words=gesture.words, cues=cues)
 
 
 def _label(asked: Any) -> str:
-    parts = " · ".join(f"{name}: {text}" for name, text in asked.parts)
-    return " · ".join(filter(None, (asked.prompt, parts))) or ("prompts over time" if asked.timeline else "no prompt")
+    parts = " · ".join(f"{name}: {_named(text)}" for name, text in asked.parts)
+    return " · ".join(filter(None, (_named(asked.prompt or ""), parts))) or (
+        "prompts over time" if asked.timeline else "no prompt"
+    )
+
+
+def _named(prompt: str) -> str:
+    """A prompt as a page tells it: of a file only its name."""
+    from ..diffuclip import request as r
+
+    return prompt if r.kind_of(prompt) == "text" else Path(prompt).name
