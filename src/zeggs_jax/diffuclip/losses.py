@@ -6,6 +6,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from ..data import scale
@@ -20,10 +21,26 @@ Denoise = Callable[[Float[Array, "L C"], Float[Array, " L"]], Float[Array, "L C"
 """(noisy latents, the level of each) -> their noise."""
 
 
-def noise(found: Float[Array, "L C"], true: Float[Array, "L C"], counted: Bool[Array, " L"]) -> Float[Array, ""]:
-    """Mean squared error of the noise over the latents that are counted (Eq. 14, first term)."""
-    apart = jnp.mean((found - true) ** 2, axis=-1)
+def noise(
+    found: Float[Array, "L C"],
+    true: Float[Array, "L C"],
+    counted: Bool[Array, " L"],
+    weight: Float[ArrayLike, "*L"] = 1.0,
+) -> Float[Array, ""]:
+    """Mean squared error of the noise over the latents that are counted (Eq. 14, first term), with weights."""
+    apart = weight * jnp.mean((found - true) ** 2, axis=-1)
     return jnp.sum(jnp.where(counted, apart, 0.0)) / jnp.maximum(jnp.sum(counted), 1)
+
+
+def noise_weight(config: DiffuclipConfig, schedule: Schedule, level: Float[Array, " L"]) -> Float[Array, " L"]:
+    """1 as printed; for a network whose output is a velocity 1 / alpha^2, which makes the error that of the velocity.
+
+    The printed error all but leaves out high levels of such a network, at which style and meaning are decided.
+    """
+    if config.denoiser.output == "noise":
+        return jnp.ones_like(level)
+    alpha, _ = diffusion.amounts(schedule, level)
+    return 1.0 / alpha**2
 
 
 def meaning(

@@ -93,6 +93,7 @@ def _noise_loss(
     z = diffusion.diffuse(schedule, clip.latents, drawn, level)
     found = denoiser.apply(params, config, z, level, told, keys[3])
     counted = noisy & clip.mask
+    apart = losses.noise(found, drawn, counted, losses.noise_weight(config, schedule, level))
     if config.diffusion.short_steps:
 
         def denoise(z: Array, level: Array) -> Array:
@@ -100,11 +101,11 @@ def _noise_loss(
 
         again = jax.random.normal(keys[4], clip.latents.shape)
         made = losses.short_denoising(config, schedule, denoise, clip.latents, again, noisy)
-        return losses.noise(found, drawn, counted), made, jnp.ones(())
+        return apart, made, jnp.ones(())
     clean = jnp.where(noisy[:, None], diffusion.estimate(schedule, z, found, level), clip.latents)
     kept = schedule.alpha_bar[level.astype(jnp.int32)]
     trust = jnp.sum(jnp.where(counted, kept, 0.0)) / jnp.maximum(jnp.sum(counted), 1)
-    return losses.noise(found, drawn, counted), jnp.clip(clean, -6.0, 6.0), trust
+    return apart, jnp.clip(clean, -6.0, 6.0), trust
 
 
 def _perceptual(
