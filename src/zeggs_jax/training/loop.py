@@ -59,7 +59,7 @@ def fit(state: TrainState, task: Task, run: Path, plan: Plan, progress: bool = T
         Records(run, start, devices.first()) as records,
         Feed(task.batches, start, plan.steps) as feed,
         _bar(start, plan, progress and devices.first()) as bar,
-        _stop_requested() as stop,
+        stop_requested() as stop,
     ):
         clock = _Clock(feed)
         if start:  # what a kill right after the checkpoint left undone
@@ -157,7 +157,7 @@ def _bar(start: int, plan: Plan, progress: bool) -> tqdm:
 
 
 @contextmanager
-def _stop_requested() -> Iterator[threading.Event]:
+def stop_requested() -> Iterator[threading.Event]:
     """An event that Ctrl-C or SIGTERM sets; a second Ctrl-C acts at once. Does nothing outside the main thread."""
     stop = threading.Event()
     if threading.current_thread() is not threading.main_thread():
