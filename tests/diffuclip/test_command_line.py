@@ -83,7 +83,7 @@ def test_generate_writes_motion_provenance_and_a_page_with_its_words(zeggs, fold
     assert {path.name for path in tmp_path.rglob("*")} == {"new", "out.bvh", "out.provenance.json", "page.html"}
 
 
-@pytest.mark.parametrize("prompt", ["happy", "clip.bvh", "clip.mp4"])
+@pytest.mark.parametrize("prompt", [*("happy", "clip.bvh"), pytest.param("clip.mp4", marks=pytest.mark.slow)])
 def test_every_kind_of_prompt_is_followed_and_the_seed_decides(zeggs, folder, tmp_path, prompt):
     if prompt.endswith(".mp4"):
         pytest.importorskip("av")
@@ -109,6 +109,7 @@ def test_a_page_names_the_file_of_a_prompt_and_not_its_folder(zeggs, folder, tmp
     assert str(folder) not in page
 
 
+@pytest.mark.slow
 def test_parts_and_timelines_are_the_requests(zeggs, folder, tmp_path, tiny_model):
     words = folder / "words.json"
     flags = {

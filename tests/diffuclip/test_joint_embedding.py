@@ -202,6 +202,7 @@ def test_no_gradient_reaches_the_teacher():
     assert all(not np.asarray(grad).any() for grad in grads)
 
 
+@pytest.mark.slow
 def test_a_batch_is_a_vmap(params):
     spoken = tokens.stack([features("words", 6), tokens.tokenize(WORDS[1:], JOINT)])
     assert isinstance(spoken, Tokens)

@@ -68,6 +68,7 @@ def test_a_batch_follows_from_its_number(config, material):
         assert ["happy", "old"][style] == ("old", "happy")[whose[0] // 2]
 
 
+@pytest.mark.slow
 def test_captions_find_motions_of_their_style_after_training(config, material):
     made = stage.stage(config, material, {})
     state = made.begin(jax.random.key(0))
