@@ -31,7 +31,7 @@ def make(take: corpus.Take, folder: Path) -> corpus.Take:
 
 def main() -> None:
     """Plan the takes, write them in parallel, write the index."""
-    parser = argparse.ArgumentParser(description="Build the corpus where meaning is known.")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--out", type=Path, required=True)
     parser.add_argument("--clips", type=int, default=240)
     parser.add_argument("--minutes", type=float, help="length of the corpus, instead of --clips")
