@@ -2,7 +2,8 @@
 
     python experiments/13_meaning_corpus.py -o CORPUS --clips 240
 
-The same command goes on after a stop. About 0.6 s a clip second on one core. Clips of a held-out style lie in
+GestureDiffuCLIP's joint space of gestures and words (Sec. 5) and its prompts (Sec. 6) are learnt and judged on it. The
+same command goes on after a stop. About 0.6 s a clip second on one core. Clips of a held-out style lie in
 CORPUS/held_out; valid clips are spoken by voices that no training clip has, a third of them with held-out synonyms.
 """
 
