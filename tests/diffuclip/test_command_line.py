@@ -18,6 +18,8 @@ from zeggs_jax.motion import bvh
 from zeggs_jax.motion.skeleton import Skeleton
 from zeggs_jax.zeroeggs import generate as zeroeggs
 
+pytestmark = pytest.mark.slow  # networks compile for a minute
+
 WORDS = [("A", 0.1, 0.2), ("big", 0.3, 0.6), ("dog.", 0.6, 0.9), ("It", 1.1, 1.2), ("runs.", 1.3, 1.6)]
 
 

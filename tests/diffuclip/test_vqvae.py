@@ -73,6 +73,7 @@ def test_parts_are_encoded_and_decoded_apart(params, tiny, body):
     assert np.abs(made - moved)[:, upper].max() > 0.01
 
 
+@pytest.mark.slow
 def test_one_part_is_the_whole_body(tiny, body):
     whole = dataclasses.replace(tiny, parts=())
     params = vqvae.init(jax.random.key(0), whole, body)

@@ -14,6 +14,8 @@ from zeggs_jax.motion import features
 from zeggs_jax.motion.bvh import Clip
 from zeggs_jax.motion.skeleton import Skeleton
 
+pytestmark = pytest.mark.slow  # networks compile for a minute
+
 FRAMES = 24  # of a window: 0.8 s
 
 

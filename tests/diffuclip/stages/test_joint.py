@@ -14,6 +14,8 @@ from zeggs_jax.diffuclip.stages.stage import Encoded, Material, Take
 from zeggs_jax.motion.skeleton import Skeleton
 from zeggs_jax.speech.transcript import Word
 
+pytestmark = pytest.mark.slow  # networks compile for a minute
+
 CONFIG = DiffuclipConfig(
     frame_time=1 / 30,
     codes=CodesConfig(latent=6, codes=8, halvings=2),

@@ -84,6 +84,7 @@ def test_captions_find_motions_of_their_style_after_training(config, material):
     assert ((texts @ np.stack(moved).T).argmax(axis=1) == [0, 1]).all()
 
 
+@pytest.mark.slow
 def test_videos_come_to_lie_where_their_motions_do(config, material):
     frozen = prompts.init(jax.random.key(1), config, material.skeleton)
     before = jax.tree.map(np.array, frozen)
