@@ -182,18 +182,18 @@ SMALL = DiffuclipConfig(
     frame_time=1 / 30,
     parts=("upper", "lower"),
     codes=CodesConfig(latent=32, codes=256, quantisers=4, width=96, halvings=2, depth=2),
-    joint=JointConfig("words", 96, 3, 4, text_layers=2, words=32, latents=64, saliency="rescaled"),
+    joint=JointConfig("words", 64, 2, 4, text_layers=1, words=24, latents=48, saliency="rescaled"),
     prompts=PromptsConfig(
         "words", 64, 128, 3, 4, frames=180, patch=6, image="small", pixels=48, video_frames=16,
         video_width=64, video_layers=2, video_heads=4,
     ),
     denoiser=DenoiserConfig(128, 4, 4, output="velocity"),
-    diffusion=DiffusionConfig(short_steps=0, captioned=0.25, perceptual=0.125),
+    diffusion=DiffusionConfig(short_steps=0, captioned=0.4, perceptual=0.125),
     learn_codes=StageConfig(4000, 32, 5e-4, 200, seconds=2.14, ema=0.99),
     learn_gestures=StageConfig(1000, 32, 5e-4, 100, seconds=8.0),
-    learn_joint=StageConfig(800, 48, 5e-4, 100, seconds=8.0),
+    learn_joint=StageConfig(1200, 64, 1e-3, 100, seconds=8.0),
     learn_prompts=StageConfig(1200, 64, 5e-4, 100, seconds=6.0),
     learn_video=StageConfig(800, 16, 5e-4, 100, seconds=6.0),
-    learn_denoiser=StageConfig(4000, 32, 5e-4, 300, seconds=6.4, ema=0.999),
+    learn_denoiser=StageConfig(6000, 32, 5e-4, 300, seconds=6.4, ema=0.999),
 )  # fmt: skip
 """The bundled model's settings: every part of the paper's system, small enough to train on two CPU cores."""
