@@ -1,0 +1,200 @@
+"""The decoder's fast form, derived from its params: the same poses for fewer bytes a frame.
+
+`decoder.py` is the definition. At batch 1 a frame costs the reading of its weights, so here
+  what is known before the loop (speech, style) is multiplied before it, for all its frames at once;
+  what leaves the network and re-enters it (output layer, unscaling, scaling, the pose's columns of the first two
+  products) is one matrix, made once; only the six velocities of the root are formed in the loop;
+  whatever one vector is multiplied with, for this frame or the next, is one product;
+  the joints are formed after the loop, in one product for all its frames.
+Weights are arguments of the executable and stand on the left: `x @ W.T` in a loop copies W at every frame.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..data import scale
+from ..data.scale import Scale, Scales
+from ..motion import pose as poses
+from ..motion.pose import Pose, Root
+from . import decoder
+from .decoder import GAZE, DecoderConfig, Frame
+
+CHUNK = 64  # frames of one executable, whatever the length of what is decoded
+VELOCITIES = 6  # numbers that the root is moved by
+
+
+class Product(NamedTuple):
+    """W x + b."""
+
+    weight: Float[Array, "out in"]
+    bias: Float[Array, " out"]
+
+
+class Folded(NamedTuple):
+    """The weights of the fast form; H hidden, S speech, Z style, J joints. Rows 4H: the dense layer's, then 3H gates'."""
+
+    given: Product  # (4H, S + Z), with the biases of both layers
+    gaze: Float[Array, "4H 3"]
+    gaze_in: Scale
+    embedded: Float[Array, "3H H"]  # the dense layer's output to the first gates
+    layers: tuple[Product, ...]  # (6H, H): the next layer's gates, then what its own state adds to its next gates;
+    # the last (7H, H): the rows of the next pose's columns, then the same
+    root: Product  # (6, H): velocities in cm/s and rad/s, in full precision whatever the others are in
+    joints: Product  # (15J, H): the rest of the pose vector, unscaled
+    frame_time: Float[Array, ""]
+
+
+class FoldedState(NamedTuple):
+    """What a frame hands on to the next; the joints of its pose only as what they add to the next products."""
+
+    root: Root
+    hidden: Float[Array, "L H"]
+    gates: Float[Array, "L 3H"]  # W_hh h + b_hh
+    projected: Float[Array, " 4H"]  # the pose's columns of the dense layer and of the first gates, multiplied
+
+
+def fits(config: DecoderConfig) -> bool:
+    """Whether there is a fast form; with 'film' the style multiplies what would have to be folded."""
+    return config.conditioning == "normal"
+
+
+def fold(params: Any, config: DecoderConfig, scales: Scales, frame_time: float) -> Folded:
+    """The fast form of the decoder's `params`; in float64, once, and rounded to the parameters' own precision.
+
+    Raises:
+        ValueError: a decoder without a fast form.
+    """
+    if not fits(config):
+        raise ValueError(f"a decoder with '{config.conditioning}' conditioning has no folded form; use its plain form.")
+    net = params["recurrent"]
+    dtype = np.result_type(net["dense_out"]["weight"])
+    (exact, cells), hidden = (_exact(net[name]) for name in ("dense_out", "gru")), config.hidden
+    wide = _wide(net, hidden)
+    size = len(exact["bias"])
+    pose_in, pose_out = (Scale(*(np.asarray(a, np.float64) for a in s)) for s in scales[1:])
+    out_std = np.broadcast_to(pose_out.std, (size,))
+    unscaled = Product(exact["weight"] * out_std[:, None], exact["bias"] * out_std + pose_out.mean)
+    seen_std = np.broadcast_to(pose_in.std, pose_in.mean.shape)
+    again = wide.weight[:, :size] / seen_std[:size]
+    ahead = Product(again @ unscaled.weight, again @ (unscaled.bias - pose_in.mean[:size]))
+    rows = [cells[f"layer{i}"] for i in range(config.layers)]
+    follows = [Product(cell["weight_ih"], cell["bias_ih"]) for cell in rows[1:]] + [ahead]
+    layers = tuple(
+        Product(*(np.concatenate(pair) for pair in zip(up, (cell["weight_hh"], cell["bias_hh"]), strict=True)))
+        for up, cell in zip(follows, rows, strict=True)
+    )
+    folded = Folded(
+        given=Product(wide.weight[:, size + GAZE :], wide.bias),
+        gaze=wide.weight[:, size : size + GAZE],
+        gaze_in=Scale(pose_in.mean[size:], seen_std[size:]),
+        embedded=rows[0]["weight_ih"][:, :hidden],
+        layers=layers,
+        root=Product(*(part[:VELOCITIES] for part in unscaled)),
+        joints=Product(*(part[VELOCITIES:] for part in unscaled)),
+        frame_time=np.asarray(frame_time),
+    )
+    return jax.tree.map(lambda a: jnp.asarray(a, dtype), folded)
+
+
+def _exact(tree: Any) -> Any:
+    return jax.tree.map(lambda a: np.asarray(a, np.float64), tree)
+
+
+def _wide(net: Any, hidden: int) -> Product:
+    """The dense layer above the first gates: all that multiplies (pose, gaze, speech, style)."""
+    dense, first = _exact(net["dense_in"]), _exact(net["gru"]["layer0"])
+    weight = np.concatenate([dense["weight"], first["weight_ih"][:, hidden:]])
+    return Product(weight, np.concatenate([dense["bias"], first["bias_ih"]]))
+
+
+def begin(params: Any, folded: Folded, config: DecoderConfig, scales: Scales, first: Pose, given: Frame) -> FoldedState:
+    """The state before frame 1, from the first pose and frame 0's style and target; `params` are the plain ones.
+
+    The first pose is no prediction, so that it is multiplied as the plain form does.
+    """
+    state = decoder.begin(params, config, scales, first, given)
+    net, size = params["recurrent"], poses.to_vector(first).shape[-1]
+    seen = decoder.observe(first, given.target, scales.pose_in)[:size]
+    columns = (net["dense_in"]["weight"], net["gru"]["layer0"]["weight_ih"][:, config.hidden :])
+    projected = jnp.concatenate([weight[:, :size] @ seen for weight in columns])
+    own = zip(folded.layers, state.hidden, strict=True)
+    gates = [layer.weight[-3 * config.hidden :] @ h + layer.bias[-3 * config.hidden :] for layer, h in own]
+    return FoldedState(first.root, state.hidden, jnp.stack(gates), projected)
+
+
+def advance(folded: Folded, config: DecoderConfig, state: FoldedState, given: Frame) -> tuple[FoldedState, Pose]:
+    """K frames on: the state after them, and their poses; `given` has a leading axis of K."""
+    return _advance(lambda one: one, folded, config, state, given)
+
+
+def advance_many(folded: Folded, config: DecoderConfig, state: FoldedState, given: Frame) -> tuple[FoldedState, Pose]:
+    """K frames on in B clips at once; the clips are the last axis of all arrays of `state`, `given` and the poses."""
+    return _advance(partial(jax.vmap, in_axes=-1, out_axes=-1), folded, config, state, given)
+
+
+def _advance(
+    each: Callable[[Callable], Callable], folded: Folded, config: DecoderConfig, state: FoldedState, given: Frame
+) -> tuple[FoldedState, Pose]:
+    """`each` makes of a function of one clip that of all."""
+
+    def told(given: Frame) -> Float[Array, "K 4H"]:
+        known = jnp.concatenate([given.speech, given.style], -1)
+        return jax.vmap(partial(_apply, folded.given))(known)
+
+    def shown(moved: tuple[Root, Array, Array]) -> Pose:
+        root, velocity, output = moved
+        joints = jax.vmap(partial(_apply, folded.joints))(output)
+        return poses.from_vector(jnp.concatenate([velocity, joints], -1), root)
+
+    def frame(state: FoldedState, x: tuple[Array, Array]) -> tuple[FoldedState, tuple[Root, Array, Array]]:
+        return _frame(folded, config, state, *x)
+
+    def step(state: FoldedState, x: tuple[Array, Array]) -> tuple[FoldedState, tuple[Root, Array, Array]]:
+        return each(frame)(state, x)
+
+    state, moved = jax.lax.scan(step, state, (each(told)(given), given.target))
+    return state, each(shown)(moved)
+
+
+def _frame(
+    folded: Folded, config: DecoderConfig, state: FoldedState, told: Float[Array, " 4H"], target: Float[Array, " 3"]
+) -> tuple[FoldedState, tuple[Root, Array, Array]]:
+    """One frame: its state; its root, the velocities of the root and the GRU's output."""
+    inputs = state.projected + told
+    if config.facing:
+        inputs += folded.gaze @ scale.apply(folded.gaze_in, poses.gaze_direction(state.root, target))
+    ahead = folded.embedded @ jax.nn.elu(inputs[: config.hidden]) + inputs[config.hidden :]
+    hidden, gates = [], []
+    for layer, own, last in zip(folded.layers, state.gates, state.hidden, strict=True):
+        hidden.append(_gru(ahead, own, last))
+        product = _apply(layer, hidden[-1])
+        ahead, kept = product[: -3 * config.hidden], product[-3 * config.hidden :]
+        gates.append(kept)
+    velocity = _apply(folded.root, hidden[-1])
+    root = poses.integrate(state.root, velocity[:3], velocity[3:], folded.frame_time)
+    return FoldedState(root, jnp.stack(hidden), jnp.stack(gates), ahead), (root, velocity, hidden[-1])
+
+
+def _apply(product: Product, x: Float[Array, " in"]) -> Float[Array, " out"]:
+    return product.weight @ x + product.bias
+
+
+def _gru(x: Float[Array, " 3H"], own: Float[Array, " 3H"], hidden: Float[Array, " H"]) -> Float[Array, " H"]:
+    """`nn.layers.GRUCell` from its two products."""
+    (reset_x, update_x, new_x), (reset_h, update_h, new_h) = (jnp.split(a, 3) for a in (x, own))
+    update = jax.nn.sigmoid(update_x + update_h)
+    new = jnp.tanh(new_x + jax.nn.sigmoid(reset_x + reset_h) * new_h)
+    return (1.0 - update) * new + update * hidden
+
+
+def rollout(params: Any, folded: Folded, config: DecoderConfig, scales: Scales, first: Pose, given: Frame) -> Pose:
+    """As `decoder.rollout`: `first` verbatim, then one pose per frame of `given` from frame 1 on."""
+    state = begin(params, folded, config, scales, first, jax.tree.map(lambda a: a[0], given))
+    _, rest = advance(folded, config, state, jax.tree.map(lambda a: a[1:], given))
+    return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, rest)
