@@ -75,24 +75,25 @@ class Dense(nn.Module):
 class Conv(nn.Module):
     """Convolution over frames that keeps their number; weight (features, in, kernel), kernel odd.
 
-    `padding` says what stands beyond both ends: zeros, or the first and last frame repeated.
+    `padding` says what stands beyond both ends: zeros, the first and last frame repeated, or nothing, which gives
+    kernel - 1 frames less.
     """
 
     features: int
     kernel: int
-    padding: Literal["zero", "edge"] = "zero"
+    padding: Literal["zero", "edge", "none"] = "zero"
     gain: float | None = None
     matmul: Matmul = "float32"
 
     @nn.compact
-    def __call__(self, x: Float[Array, "T in"]) -> Float[Array, "T out"]:
+    def __call__(self, x: Float[Array, "T in"]) -> Float[Array, "N out"]:
         fan_in = x.shape[-1] * self.kernel
         bound = torch_bound(fan_in)
         fan_out = self.features * self.kernel
         weight_bound = bound if self.gain is None else xavier_bound(self.gain, fan_in, fan_out)
         weight = self.param("weight", uniform(weight_bound), (self.features, x.shape[-1], self.kernel))
         bias = self.param("bias", uniform(bound), (self.features,))
-        half = self.kernel // 2
+        half = 0 if self.padding == "none" else self.kernel // 2
         padded = jnp.pad(x, ((half, half), (0, 0)), mode="edge" if self.padding == "edge" else "constant")
         product = jax.lax.conv_general_dilated(
             operand(padded, self.matmul)[None],

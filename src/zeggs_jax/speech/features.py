@@ -79,15 +79,13 @@ def extract(
         frames = frame_count(wave.size, rate_hz, config)
     if config.normalize_loudness:
         wave = wav.normalize_loudness(wave, config.rate_hz)
-    mels = log_mel(wave, config)
-    loud = np.log(energy(mels)) if config.log_mel else energy(mels)
-    rows = np.concatenate([mels, loud[:, None]], axis=1)
+    rows = with_energy(log_mel(wave, config), config)
     positions = config.rate_hz / config.hop / rate_hz * np.arange(frames)
     if as_released:
-        resampled = _interpolate(rows, positions)
+        resampled = interpolate(rows, positions)
         resampled[positions > len(rows) - 1, : config.mels] = np.nan
     else:
-        resampled = _interpolate(rows, np.minimum(positions, len(rows) - 1))
+        resampled = interpolate(rows, np.minimum(positions, len(rows) - 1))
     return resampled.astype(np.float32)
 
 
@@ -102,12 +100,27 @@ def log_mel(wave: Float[ArrayLike, " n"], config: SpeechFeatureConfig = RELEASED
     The paper says log mel amplitude; the release takes the dB already mapped to [0, 1] for dB and so scales
     it by ln(10) / 20 (range [0, 0.115]). We follow the release, unless `config.log_mel` asks for ln(amplitude).
     """
-    framed, basis = _frames(wave, config), mel_basis(config).T
+    framed = _frames(wave, config)
     blocks = [framed[start : start + BLOCK] for start in range(0, len(framed), BLOCK)]
-    mel = np.concatenate([_magnitude(block, config) @ basis for block in blocks])
+    return level(np.concatenate([mel_amplitude(block, config) for block in blocks]), config)
+
+
+def mel_amplitude(framed: Float[np.ndarray, "F W"], config: SpeechFeatureConfig = RELEASED) -> Float[np.ndarray, "F M"]:
+    """Amplitude in each mel band of windows of the waveform; a louder recording's is that many times as large."""
+    return _magnitude(framed, config) @ mel_basis(config).T
+
+
+def level(mel: Float[np.ndarray, "F M"], config: SpeechFeatureConfig = RELEASED) -> Float[np.ndarray, "F M"]:
+    """Mel amplitudes -> what `log_mel` says."""
     if config.log_mel:
         return np.log(np.maximum(mel, config.log_floor))
     return np.log(10.0) / 20.0 * decibels(mel, config)
+
+
+def with_energy(mels: Float[np.ndarray, "F M"], config: SpeechFeatureConfig = RELEASED) -> Float[np.ndarray, "F D"]:
+    """What `log_mel` gives, and the energy as a last column."""
+    loud = np.log(energy(mels)) if config.log_mel else energy(mels)
+    return np.concatenate([mels, loud[:, None]], axis=1)
 
 
 def energy(log_mels: Float[np.ndarray, "F M"]) -> Float[np.ndarray, " F"]:
@@ -185,7 +198,7 @@ def frame_energy(
     return np.sqrt(np.maximum(mean, 0.0)).astype(np.float32)
 
 
-def _interpolate(rows: Float[np.ndarray, "F D"], positions: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T D"]:
+def interpolate(rows: Float[np.ndarray, "F D"], positions: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T D"]:
     """Rows at fractional positions, linear between neighbours, extrapolated behind the last."""
     if len(rows) == 1:
         return np.repeat(rows, len(positions), axis=0)

@@ -84,11 +84,12 @@ def normalize_loudness(
 ) -> Wave:
     """Scale to `target_lufs`, peaks unlimited, as released; silence (loudness -inf) comes back unchanged."""
     wave = np.asarray(wave, np.float32)
-    measured = loudness(wave, rate_hz)
-    if not np.isfinite(measured):
-        return wave
-    gain = 10.0 ** ((target_lufs - measured) / 20.0)
-    return (wave * gain).astype(np.float32)
+    return (wave * gain(loudness(wave, rate_hz), target_lufs)).astype(np.float32)
+
+
+def gain(measured_lufs: float | int, target_lufs: float | int = TARGET_LUFS) -> float:
+    """What amplitudes are multiplied by to get from one loudness to the other; 1 for silence."""
+    return 10.0 ** ((target_lufs - measured_lufs) / 20.0) if np.isfinite(measured_lufs) else 1.0
 
 
 def silence(wave: Float[ArrayLike, " n"], regions_s: Sequence[tuple[Seconds, Seconds]], rate_hz: int = RATE_HZ) -> Wave:

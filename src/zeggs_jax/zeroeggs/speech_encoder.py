@@ -5,6 +5,7 @@ after the ELU (paper: before it).
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import jax
 from flax import linen as nn
@@ -26,16 +27,21 @@ class SpeechEncoderConfig:
 
 
 class SpeechEncoder(nn.Module):
-    """Two convolutions and a dense layer, ELU after each (the last one too); edges are repeated, not zero."""
+    """Two convolutions and a dense layer, ELU after each (the last one too); edges are repeated, not zero.
+
+    With padding "none" only the frames come out that see `kernel` frames of speech: kernel - 1 less.
+    """
 
     config: SpeechEncoderConfig
     matmul: Matmul = "float32"
+    padding: Literal["edge", "none"] = "edge"
 
     @nn.compact
-    def __call__(self, features: Float[Array, "T F"], deterministic: bool = True) -> Float[Array, "T S"]:
+    def __call__(self, features: Float[Array, "T F"], deterministic: bool = True) -> Float[Array, "N S"]:
         """Scaled speech features -> speech embedding."""
         config = self.config
         drop = nn.Dropout(config.dropout, deterministic=deterministic)
         x = drop(jax.nn.elu(Conv(config.hidden, 1, matmul=self.matmul, name="conv0")(features)))
-        x = drop(jax.nn.elu(Conv(config.size, config.kernel, padding="edge", matmul=self.matmul, name="conv1")(x)))
+        wide = Conv(config.size, config.kernel, padding=self.padding, matmul=self.matmul, name="conv1")
+        x = drop(jax.nn.elu(wide(x)))
         return jax.nn.elu(Dense(config.size, matmul=self.matmul, name="dense")(x))

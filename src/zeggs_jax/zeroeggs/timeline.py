@@ -16,8 +16,8 @@ from ..speech.transcript import Sentence
 from . import style_space, timeline_text
 from .cue import SAME, Cue, Curve, Number, Timeline, check, lasting
 
-__all__ = ["Cue", "Curve", "Timeline", "by_sentence", "check", "names", "put", "read", "remove", "sequence", "shares"]
-__all__ += ["shift", "spoken", "stretch", "write"]
+__all__ = ["Cue", "Curve", "Timeline", "by_sentence", "check", "names", "progress", "put", "read", "remove", "sequence"]
+__all__ += ["shares", "shift", "spoken", "stretch", "write"]
 
 
 def read(path: str | Path) -> Timeline:
@@ -156,11 +156,12 @@ def shares(timeline: Timeline, frames: int, rate_hz: Number) -> Float[np.ndarray
     (Flash & Hogan 1985), so that speed and acceleration begin and end with 0.
     """
     time = np.arange(frames) / rate_hz
-    progress = [np.ones(frames), *(_progress(cue, time) for cue in timeline.cues[1:]), np.zeros(frames)]
-    return -np.diff(np.stack(progress, axis=1), axis=1)
+    reached = [np.ones(frames), *(progress(cue, time) for cue in timeline.cues[1:]), np.zeros(frames)]
+    return -np.diff(np.stack(reached, axis=1), axis=1)
 
 
-def _progress(cue: Cue, time: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
+def progress(cue: Cue, time: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
+    """How far the style has turned into the cue's at each time (s), from 0 to 1."""
     length = lasting(cue)
     if length < SAME:
         return (time >= cue.time - SAME).astype(np.float64)
