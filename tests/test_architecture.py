@@ -46,6 +46,7 @@ TOUCH_DISK = {
     "diffuclip/run_folder.py",
     "diffuclip/request.py", "diffuclip/video.py", "diffuclip/safetensors_folder.py", "diffuclip/t5.py",
     "diffuclip/clip.py", "diffuclip/minilm.py", "diffuclip/asr.py",
+    "nn/native.py",  # compiles, into the user's cache folder
     "zeroeggs/library_file.py", "zeroeggs/embedding.py", "zeroeggs/style_clip.py",
 }  # fmt: skip
 DISK_NAMES = {"open", "pathlib", "os", "shutil", "tempfile"}

@@ -1,0 +1,295 @@
+// y[b, n] = sum_k weight[n, k] * x[b, k], weights in bfloat16 or in int8 with a scale per row, at the memory's speed.
+//
+// Each weight is read once, whatever the number of columns b. The vectors are those of GCC and Clang, which split them
+// where the machine's are shorter; `native.py` compiles this file for the machine it runs on, when it is first asked to.
+// Activations and sums are float32, except where the machine has dot products of bytes: there a column becomes integers
+// of 23 bits (float32's own precision, against its largest entry), their three bytes are multiplied with the weights
+// without rounding, and the result is rounded once.
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include "xla/ffi/api/ffi.h"
+
+#if defined(__AVX512VNNI__) || defined(__AVXVNNI__)
+#include <immintrin.h>
+#define BYTE_DOTS 1
+#endif
+
+namespace {
+
+namespace ffi = xla::ffi;
+
+#ifdef __AVX512F__
+constexpr int kBytes = 64;
+#else
+constexpr int kBytes = 32;
+#endif
+constexpr int kLanes = kBytes / 4;
+constexpr int kRows = 4;                       // rows that share what is read of the columns
+constexpr int64_t kPortion = int64_t{1} << 17;  // bytes of weight that a thread takes at a time
+constexpr int64_t kMostColumns = int64_t{1} << 16;  // of a weight; beyond, sums of bytes could overflow
+
+typedef float Floats __attribute__((vector_size(kBytes)));
+typedef uint32_t Words __attribute__((vector_size(kBytes)));
+typedef int32_t Ints __attribute__((vector_size(kBytes)));
+typedef int8_t Quarter __attribute__((vector_size(kLanes)));
+
+template <class Vector>
+inline Vector load(const void* from) {
+  Vector v;
+  std::memcpy(&v, from, sizeof v);
+  return v;
+}
+
+template <class Vector>
+inline Vector load_part(const void* from, int64_t bytes) {
+  Vector v{};
+  std::memcpy(&v, from, bytes);
+  return v;
+}
+
+template <class Number, class Vector>
+inline Number sum(const Vector& v) {
+  Number total = 0;
+  for (int i = 0; i < kLanes; ++i) total += v[i];
+  return total;
+}
+
+inline int64_t blocks(int64_t n, int64_t size) { return (n + size - 1) / size; }
+
+// What a product is of: weights of `columns` entries a row, laid out by rows, and prepared columns.
+struct Bfloat16 {
+  using Weight = uint16_t;
+  static constexpr int kBlock = 2 * kLanes;  // weights in a vector
+  static constexpr int kTile = kBytes == 64 ? 4 : 2;
+
+  // Of every block of a column the entries of even place, then those of odd: so lie the halves of the weights' words.
+  struct Column {
+    std::vector<float> parted;
+    void set(const float* x, int64_t k) {
+      parted.assign(blocks(k, kBlock) * kBlock, 0.0f);
+      for (int64_t i = 0; i < k; ++i) parted[i / kBlock * kBlock + i % 2 * kLanes + i % kBlock / 2] = x[i];
+    }
+  };
+
+  template <int R, int C>
+  static void tile(const Weight* weight, int64_t k, const Column* x, const float*, float* y, int64_t stride) {
+    Floats total[R][C] = {};
+    auto add = [&](int64_t at, auto read) {
+      for (int r = 0; r < R; ++r) {
+        const Words words = read(weight + r * k + at);
+        const Floats even = (Floats)(words << 16), odd = (Floats)(words & 0xffff0000u);
+        for (int c = 0; c < C; ++c) {
+          const float* column = x[c].parted.data() + at;
+          total[r][c] += even * load<Floats>(column);
+          total[r][c] += odd * load<Floats>(column + kLanes);
+        }
+      }
+    };
+    const int64_t whole = k / kBlock * kBlock;
+    for (int64_t at = 0; at < whole; at += kBlock) add(at, [](const Weight* w) { return load<Words>(w); });
+    if (whole < k) add(whole, [&](const Weight* w) { return load_part<Words>(w, 2 * (k - whole)); });
+    for (int r = 0; r < R; ++r)
+      for (int c = 0; c < C; ++c) y[c * stride + r] = sum<float>(total[r][c]);
+  }
+};
+
+#ifdef BYTE_DOTS
+
+struct Int8 {
+  using Weight = int8_t;
+  static constexpr int kBlock = kBytes;
+  static constexpr int kTile = kBytes == 64 ? 2 : 1;
+  static constexpr int kDigits = 3;
+  static constexpr int32_t kMiddle = 1 << 22;
+
+  // x = (value - middle) * unit with values of 23 bits; digits[d] holds the d-th byte of all values.
+  struct Column {
+    std::vector<uint8_t> digits[kDigits];
+    float unit;
+    void set(const float* x, int64_t k) {
+      float largest = 0.0f, spoilt = 0.0f;
+      for (int64_t i = 0; i < k; ++i) largest = std::max(largest, std::fabs(x[i]));
+      for (int64_t i = 0; i < k; ++i) spoilt += x[i] * 0.0f;  // not a number if an entry is none, or is infinite
+      unit = largest / (kMiddle - 1) + spoilt;
+      const float per_unit = largest > 1e-30f && spoilt == 0.0f ? (kMiddle - 1) / largest : 0.0f;
+      for (auto& digit : digits) digit.assign(blocks(k, kBlock) * kBlock, 0);
+      uint8_t *low = digits[0].data(), *middle = digits[1].data(), *high = digits[2].data();
+      for (int64_t i = 0; i < k; ++i) {
+        const float placed = (spoilt == 0.0f ? x[i] : 0.0f) * per_unit + 12582912.0f;  // 1.5 * 2^23: the mantissa is the value
+        uint32_t bits;
+        std::memcpy(&bits, &placed, sizeof bits);
+        low[i] = bits;
+        middle[i] = bits >> 8;
+        high[i] = bits >> 16 & 0x7f;
+      }
+    }
+  };
+
+  // Four products of an unsigned and a signed byte are added to each lane.
+  static inline Ints dot(Ints total, Words unsigned_bytes, Words signed_bytes) {
+#ifdef __AVX512VNNI__
+    return (Ints)_mm512_dpbusd_epi32((__m512i)total, (__m512i)unsigned_bytes, (__m512i)signed_bytes);
+#else
+    return (Ints)_mm256_dpbusd_avx_epi32((__m256i)total, (__m256i)unsigned_bytes, (__m256i)signed_bytes);
+#endif
+  }
+
+  template <int R, int C>
+  static void tile(const Weight* weight, int64_t k, const Column* x, const float* scale, float* y, int64_t stride) {
+    Ints total[R][C][kDigits] = {}, plain[R] = {};
+    const Words ones = Words{} + 0x01010101u;
+    auto add = [&](int64_t at, auto read) {
+      for (int r = 0; r < R; ++r) {
+        const Words w = read(weight + r * k + at);
+        plain[r] = dot(plain[r], ones, w);
+        for (int c = 0; c < C; ++c)
+          for (int d = 0; d < kDigits; ++d)
+            total[r][c][d] = dot(total[r][c][d], load<Words>(x[c].digits[d].data() + at), w);
+      }
+    };
+    const int64_t whole = k / kBlock * kBlock;
+    for (int64_t at = 0; at < whole; at += kBlock) add(at, [](const Weight* w) { return load<Words>(w); });
+    if (whole < k) add(whole, [&](const Weight* w) { return load_part<Words>(w, k - whole); });
+    for (int r = 0; r < R; ++r) {
+      const int64_t middle = int64_t{kMiddle} * sum<int32_t>(plain[r]);
+      for (int c = 0; c < C; ++c) {
+        int64_t value = -middle;
+        for (int d = 0; d < kDigits; ++d) value += int64_t{sum<int32_t>(total[r][c][d])} * (int64_t{1} << 8 * d);
+        y[c * stride + r] = static_cast<float>(static_cast<double>(value) * x[c].unit * scale[r]);
+      }
+    }
+  }
+};
+
+#else
+
+struct Int8 {
+  using Weight = int8_t;
+  static constexpr int kBlock = kLanes;
+  static constexpr int kTile = kBytes == 64 ? 4 : 2;
+
+  struct Column {
+    std::vector<float> padded;
+    void set(const float* x, int64_t k) {
+      padded.assign(blocks(k, kBlock) * kBlock, 0.0f);
+      std::copy(x, x + k, padded.begin());
+    }
+  };
+
+  template <int R, int C>
+  static void tile(const Weight* weight, int64_t k, const Column* x, const float* scale, float* y, int64_t stride) {
+    Floats total[R][C] = {};
+    auto add = [&](int64_t at, auto read) {
+      for (int r = 0; r < R; ++r) {
+        const Floats w = __builtin_convertvector(__builtin_convertvector(read(weight + r * k + at), Ints), Floats);
+        for (int c = 0; c < C; ++c) total[r][c] += w * load<Floats>(x[c].padded.data() + at);
+      }
+    };
+    const int64_t whole = k / kBlock * kBlock;
+    for (int64_t at = 0; at < whole; at += kBlock) add(at, [](const Weight* w) { return load<Quarter>(w); });
+    if (whole < k) add(whole, [&](const Weight* w) { return load_part<Quarter>(w, k - whole); });
+    for (int r = 0; r < R; ++r)
+      for (int c = 0; c < C; ++c) y[c * stride + r] = sum<float>(total[r][c]) * scale[r];
+  }
+};
+
+#endif
+
+// One product, shared by the threads that come in time.
+template <class Kind>
+struct Job {
+  const typename Kind::Weight* weight;
+  const float* scale;
+  const typename Kind::Column* x;
+  float* y;
+  int64_t rows, k, columns, portion;  // portion: rows taken at a time
+  std::atomic<int64_t> taken{0}, done{0};
+
+  int64_t portions() const { return blocks(rows, portion); }
+
+  // Portions are taken until none is left; a thread that comes late finds none and touches nothing else.
+  void work() {
+    for (int64_t i; (i = taken.fetch_add(1)) < portions(); done.fetch_add(1))
+      multiply(i * portion, std::min(rows, (i + 1) * portion));
+  }
+
+  void multiply(int64_t row, int64_t end) const {
+    for (; row + kRows <= end; row += kRows) all_columns<kRows>(row);
+    for (; row < end; ++row) all_columns<1>(row);
+  }
+
+  template <int R>
+  void all_columns(int64_t row) const {
+    const auto* w = weight + row * k;
+    const float* s = scale ? scale + row : nullptr;
+    int64_t c = 0;
+    for (; c + Kind::kTile <= columns; c += Kind::kTile)
+      Kind::template tile<R, Kind::kTile>(w, k, x + c, s, y + c * rows + row, rows);
+    for (; c < columns; ++c) Kind::template tile<R, 1>(w, k, x + c, s, y + c * rows + row, rows);
+  }
+};
+
+// `vmap` gives the weight leading axes of 1; its own batches of weights are refused.
+template <class Kind, class Weight>
+ffi::Error product(ffi::ThreadPool pool, const Weight& weight, const float* scale, ffi::Buffer<ffi::F32>& x,
+                   ffi::Result<ffi::Buffer<ffi::F32>>& y) {
+  const auto shape = weight.dimensions();
+  if (shape.size() < 2 || x.dimensions().size() + 1 != shape.size())
+    return ffi::Error::InvalidArgument("a weight [N, K] and columns [B, K] were expected");
+  const int64_t rows = shape[shape.size() - 2], k = shape.back();
+  if (static_cast<int64_t>(weight.element_count()) != rows * k)
+    return ffi::Error::InvalidArgument("a reduced weight was batched by vmap; batch the columns instead");
+  if (x.dimensions().back() != k || k > kMostColumns)
+    return ffi::Error::InvalidArgument("the columns do not fit the weight, or it has more than 65536 of them");
+  const int64_t columns = k ? x.element_count() / k : 0;
+  thread_local std::vector<typename Kind::Column> prepared;
+  if (static_cast<int64_t>(prepared.size()) < columns) prepared.resize(columns);
+  for (int64_t c = 0; c < columns; ++c) prepared[c].set(x.typed_data() + c * k, k);
+
+  auto job = std::make_shared<Job<Kind>>();
+  job->weight = reinterpret_cast<const typename Kind::Weight*>(weight.untyped_data());
+  job->scale = scale, job->x = prepared.data(), job->y = y->typed_data();
+  job->rows = rows, job->k = k, job->columns = columns;
+  const int64_t row_bytes = std::max<int64_t>(1, k * sizeof(typename Kind::Weight));
+  job->portion = std::max<int64_t>(kRows, kPortion / row_bytes / kRows * kRows);
+  const int64_t helpers = std::min(pool.num_threads(), job->portions()) - 1;
+  for (int64_t i = 0; i < helpers; ++i) pool.Schedule([job] { job->work(); });
+  job->work();
+  while (job->done.load() < job->portions()) std::this_thread::yield();
+  return ffi::Error::Success();
+}
+
+ffi::Error bfloat16(ffi::ThreadPool pool, ffi::Buffer<ffi::BF16> weight, ffi::Buffer<ffi::F32> x,
+                    ffi::Result<ffi::Buffer<ffi::F32>> y) {
+  return product<Bfloat16>(pool, weight, nullptr, x, y);
+}
+
+ffi::Error int8(ffi::ThreadPool pool, ffi::Buffer<ffi::S8> weight, ffi::Buffer<ffi::F32> scale,
+                ffi::Buffer<ffi::F32> x, ffi::Result<ffi::Buffer<ffi::F32>> y) {
+  return product<Int8>(pool, weight, scale.typed_data(), x, y);
+}
+
+}  // namespace
+
+XLA_FFI_DEFINE_HANDLER_SYMBOL(zeggs_bfloat16, bfloat16,
+                              ffi::Ffi::Bind()
+                                  .Ctx<ffi::ThreadPool>()
+                                  .Arg<ffi::Buffer<ffi::BF16>>()
+                                  .Arg<ffi::Buffer<ffi::F32>>()
+                                  .Ret<ffi::Buffer<ffi::F32>>());
+
+XLA_FFI_DEFINE_HANDLER_SYMBOL(zeggs_int8, int8,
+                              ffi::Ffi::Bind()
+                                  .Ctx<ffi::ThreadPool>()
+                                  .Arg<ffi::Buffer<ffi::S8>>()
+                                  .Arg<ffi::Buffer<ffi::F32>>()
+                                  .Arg<ffi::Buffer<ffi::F32>>()
+                                  .Ret<ffi::Buffer<ffi::F32>>());
