@@ -46,19 +46,22 @@ def scan(step: Step, params: Any, carry: Any, xs: Any, compute: Compute = PLAIN)
 
     outputs, pull, inputs = jax.vjp(run, *jax.lax.stop_gradient((carry, xs, repeated)), has_aux=True)
     inputs = jax.lax.stop_gradient(inputs)
-    products = {place: _product(weights[place], biases[place], inputs[place], compute) for place in weights}
-    return _attach(outputs, pull, carry, xs, products)
+    products = {place: product(weights[place], biases[place], inputs[place], compute) for place in weights}
+    return attach(outputs, pull, carry, xs, products)
 
 
 @jax.custom_vjp
-def _attach(outputs: Any, pull: Any, carry: Any, xs: Any, products: Any) -> Any:
-    """`outputs`, with the gradients that `pull` finds for the others; the products themselves are never computed."""
-    del pull, carry, xs, products
+def attach(outputs: Any, pull: Any, *sources: Any) -> Any:
+    """`outputs`, with the gradients of `sources` that `pull(cotangents)` gives, a tuple of them.
+
+    Products among the sources pass theirs on to the weights that they were made of, and are themselves never computed.
+    """
+    del pull, sources
     return outputs
 
 
-def _attach_fwd(outputs: Any, pull: Any, carry: Any, xs: Any, products: Any) -> tuple[Any, Any]:
-    del carry, xs, products
+def _attach_fwd(outputs: Any, pull: Any, *sources: Any) -> tuple[Any, Any]:
+    del sources
     return outputs, pull
 
 
@@ -66,14 +69,15 @@ def _attach_bwd(pull: Any, cotangents: Any) -> tuple[Any, ...]:
     return (cotangents, None, *pull(cotangents))
 
 
-_attach.defvjp(_attach_fwd, _attach_bwd)
+attach.defvjp(_attach_fwd, _attach_bwd)
 
 
-def _product(
+def product(
     weight: Float[Array, "out in"], bias: Float[Array, " out"], x: Float[Array, "T in"], compute: Compute
 ) -> Float[Array, "T out"]:
-    product = jnp.tensordot(x, weight, axes=((-1,), (1,)), precision=precision(compute.matmul))
-    return product + jnp.broadcast_to(bias, product.shape)
+    """W x + b of all frames, x as it is multiplied."""
+    made = jnp.tensordot(x, weight, axes=((-1,), (1,)), precision=precision(compute.matmul))
+    return made + jnp.broadcast_to(bias, made.shape)
 
 
 def _leaves(tree: Any, kind: str) -> dict[str, Any]:

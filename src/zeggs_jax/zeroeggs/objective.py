@@ -18,10 +18,11 @@ from ..data.windows import Batch, Recorded
 from ..motion.pose import Pose, from_vector
 from ..nn.compute import Compute
 from ..training.step import LossFn, Metrics
-from . import losses
+from . import losses, unrolled
 from .config import ZeroEggsConfig
+from .decoder import Frame
 from .losses import Terms
-from .model import Params, StyleDistribution, decode, encode_speech, encode_style, reparameterise
+from .model import Params, StyleDistribution, encode_speech, encode_style, reparameterise
 from .settings import TrainConfig
 
 
@@ -67,7 +68,9 @@ def unroll(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tuple
     drawn = reparameterise(style, draws.style)
     first = begin(clip)
     hold = partial(jnp.broadcast_to, shape=(speech.shape[0], drawn.shape[0]))
-    return decode(params, config, scales, first, speech, hold(drawn), _gaze(clip), compute), style
+    given = Frame(speech, hold(drawn), _gaze(clip))
+    made = unrolled.rollout(params["decoder"], config.decoder, scales, first, given, config.frame_time, compute)
+    return made, style
 
 
 def begin(clip: Batch) -> Pose:
