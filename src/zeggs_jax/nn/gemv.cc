@@ -4,7 +4,7 @@
 // where the machine's are shorter; `native.py` compiles this file for the machine it runs on, when it is first asked to.
 // Activations and sums are float32, except where the machine has dot products of bytes: there a column becomes integers
 // of 23 bits (float32's own precision, against its largest entry), their three bytes are multiplied with the weights
-// without rounding, and the result is rounded once.
+// without rounding, and only their sums are rounded to float32.
 
 #include <algorithm>
 #include <atomic>
@@ -33,13 +33,12 @@ constexpr int kBytes = 32;
 #endif
 constexpr int kLanes = kBytes / 4;
 constexpr int kRows = 4;                       // rows that share what is read of the columns
+constexpr int kAhead = 2;                      // rounds of rows by which weights are called from memory in advance
 constexpr int64_t kPortion = int64_t{1} << 17;  // bytes of weight that a thread takes at a time
 constexpr int64_t kMostColumns = int64_t{1} << 16;  // of a weight; beyond, sums of bytes could overflow
 
-typedef float Floats __attribute__((vector_size(kBytes)));
 typedef uint32_t Words __attribute__((vector_size(kBytes)));
 typedef int32_t Ints __attribute__((vector_size(kBytes)));
-typedef int8_t Quarter __attribute__((vector_size(kLanes)));
 
 template <class Vector>
 inline Vector load(const void* from) {
@@ -48,6 +47,8 @@ inline Vector load(const void* from) {
   return v;
 }
 
+inline void fetch(const void* soon) { __builtin_prefetch(soon, 0, 2); }  // beyond the end: does nothing
+
 template <class Vector>
 inline Vector load_part(const void* from, int64_t bytes) {
   Vector v{};
@@ -55,51 +56,76 @@ inline Vector load_part(const void* from, int64_t bytes) {
   return v;
 }
 
-template <class Number, class Vector>
-inline Number sum(const Vector& v) {
-  Number total = 0;
-  for (int i = 0; i < kLanes; ++i) total += v[i];
-  return total;
+template <class To, class From>
+inline To as(From value) {
+  static_assert(sizeof(To) == sizeof(From));
+  To bits;
+  std::memcpy(&bits, &value, sizeof bits);
+  return bits;
 }
+
+template <int Bytes>
+struct Lanes {
+  typedef float Type __attribute__((vector_size(Bytes)));
+};
+
+template <int Bytes>
+inline float sum(const typename Lanes<Bytes>::Type& v) {
+  if constexpr (Bytes == 16) {
+    return (v[0] + v[2]) + (v[1] + v[3]);
+  } else {
+    using Half = typename Lanes<Bytes / 2>::Type;
+    const char* bytes = reinterpret_cast<const char*>(&v);
+    return sum<Bytes / 2>(load<Half>(bytes) + load<Half>(bytes + Bytes / 2));
+  }
+}
+
+using Floats = Lanes<kBytes>::Type;
 
 inline int64_t blocks(int64_t n, int64_t size) { return (n + size - 1) / size; }
 
-// What a product is of: weights of `columns` entries a row, laid out by rows, and prepared columns.
-struct Bfloat16 {
-  using Weight = uint16_t;
-  static constexpr int kBlock = 2 * kLanes;  // weights in a vector
+// Weights of `kParts` to a 32-bit word, each turned into float32. Of every block of a column lie first the entries that
+// meet the words' first parts, then those that meet the second: so no vector is ever shuffled.
+template <class Entry, int kParts, Floats (*kPart)(Words, int)>
+struct Plain {
+  using Weight = Entry;
+  static constexpr int kBlock = kParts * kLanes;  // weights in a vector
   static constexpr int kTile = kBytes == 64 ? 4 : 2;
 
-  // Of every block of a column the entries of even place, then those of odd: so lie the halves of the weights' words.
   struct Column {
     std::vector<float> parted;
     void set(const float* x, int64_t k) {
       parted.assign(blocks(k, kBlock) * kBlock, 0.0f);
-      for (int64_t i = 0; i < k; ++i) parted[i / kBlock * kBlock + i % 2 * kLanes + i % kBlock / 2] = x[i];
+      for (int64_t i = 0; i < k; ++i) parted[i / kBlock * kBlock + i % kParts * kLanes + i % kBlock / kParts] = x[i];
     }
   };
 
   template <int R, int C>
-  static void tile(const Weight* weight, int64_t k, const Column* x, const float*, float* y, int64_t stride) {
+  static void tile(const Weight* weight, int64_t k, const Column* x, const float* scale, float* y, int64_t stride) {
     Floats total[R][C] = {};
     auto add = [&](int64_t at, auto read) {
       for (int r = 0; r < R; ++r) {
         const Words words = read(weight + r * k + at);
-        const Floats even = (Floats)(words << 16), odd = (Floats)(words & 0xffff0000u);
-        for (int c = 0; c < C; ++c) {
-          const float* column = x[c].parted.data() + at;
-          total[r][c] += even * load<Floats>(column);
-          total[r][c] += odd * load<Floats>(column + kLanes);
+        fetch(weight + (kAhead * R + r) * k + at);
+        for (int p = 0; p < kParts; ++p) {
+          const Floats w = kPart(words, p);
+          for (int c = 0; c < C; ++c) total[r][c] += w * load<Floats>(x[c].parted.data() + at + p * kLanes);
         }
       }
     };
     const int64_t whole = k / kBlock * kBlock;
     for (int64_t at = 0; at < whole; at += kBlock) add(at, [](const Weight* w) { return load<Words>(w); });
-    if (whole < k) add(whole, [&](const Weight* w) { return load_part<Words>(w, 2 * (k - whole)); });
+    if (whole < k) add(whole, [&](const Weight* w) { return load_part<Words>(w, (k - whole) * sizeof(Weight)); });
     for (int r = 0; r < R; ++r)
-      for (int c = 0; c < C; ++c) y[c * stride + r] = sum<float>(total[r][c]);
+      for (int c = 0; c < C; ++c) y[c * stride + r] = sum<kBytes>(total[r][c]) * (scale ? scale[r] : 1.0f);
   }
 };
+
+inline Floats number(Ints v) { return __builtin_convertvector(v, Floats); }
+inline Floats half(Words words, int part) { return (Floats)(part ? words & 0xffff0000u : words << 16); }
+inline Floats quarter(Words words, int part) { return number((Ints)(words << (24 - 8 * part)) >> 24); }
+
+using Bfloat16 = Plain<uint16_t, 2, half>;
 
 #ifdef BYTE_DOTS
 
@@ -115,17 +141,16 @@ struct Int8 {
     std::vector<uint8_t> digits[kDigits];
     float unit;
     void set(const float* x, int64_t k) {
-      float largest = 0.0f, spoilt = 0.0f;
-      for (int64_t i = 0; i < k; ++i) largest = std::max(largest, std::fabs(x[i]));
-      for (int64_t i = 0; i < k; ++i) spoilt += x[i] * 0.0f;  // not a number if an entry is none, or is infinite
-      unit = largest / (kMiddle - 1) + spoilt;
-      const float per_unit = largest > 1e-30f && spoilt == 0.0f ? (kMiddle - 1) / largest : 0.0f;
+      uint32_t top = 0;  // the magnitudes of floats are in the order of their bits; above all numbers are inf and nan
+      for (int64_t i = 0; i < k; ++i) top = std::max(top, as<uint32_t>(x[i]) & 0x7fffffffu);
+      const bool finite = top < 0x7f800000u;
+      const float largest = as<float>(top);
+      unit = finite ? largest / (kMiddle - 1) : std::nanf("");
+      const float per_unit = finite && largest > 1e-30f ? (kMiddle - 1) / largest : 0.0f;
       for (auto& digit : digits) digit.assign(blocks(k, kBlock) * kBlock, 0);
       uint8_t *low = digits[0].data(), *middle = digits[1].data(), *high = digits[2].data();
-      for (int64_t i = 0; i < k; ++i) {
-        const float placed = (spoilt == 0.0f ? x[i] : 0.0f) * per_unit + 12582912.0f;  // 1.5 * 2^23: the mantissa is the value
-        uint32_t bits;
-        std::memcpy(&bits, &placed, sizeof bits);
+      for (int64_t i = 0; i < k; ++i) {  // 1.5 * 2^23 rounds to an integer, whose value the mantissa then is
+        const uint32_t bits = as<uint32_t>(x[i] * per_unit + 12582912.0f);
         low[i] = bits;
         middle[i] = bits >> 8;
         high[i] = bits >> 16 & 0x7f;
@@ -147,59 +172,30 @@ struct Int8 {
     Ints total[R][C][kDigits] = {}, plain[R] = {};
     const Words ones = Words{} + 0x01010101u;
     auto add = [&](int64_t at, auto read) {
-      for (int r = 0; r < R; ++r) {
-        const Words w = read(weight + r * k + at);
-        plain[r] = dot(plain[r], ones, w);
-        for (int c = 0; c < C; ++c)
-          for (int d = 0; d < kDigits; ++d)
-            total[r][c][d] = dot(total[r][c][d], load<Words>(x[c].digits[d].data() + at), w);
-      }
+      Words w[R];
+      for (int r = 0; r < R; ++r) w[r] = read(weight + r * k + at), fetch(weight + (kAhead * R + r) * k + at);
+      for (int r = 0; r < R; ++r) plain[r] = dot(plain[r], ones, w[r]);
+      for (int c = 0; c < C; ++c)
+        for (int d = 0; d < kDigits; ++d) {
+          const Words digit = load<Words>(x[c].digits[d].data() + at);
+          for (int r = 0; r < R; ++r) total[r][c][d] = dot(total[r][c][d], digit, w[r]);
+        }
     };
     const int64_t whole = k / kBlock * kBlock;
     for (int64_t at = 0; at < whole; at += kBlock) add(at, [](const Weight* w) { return load<Words>(w); });
     if (whole < k) add(whole, [&](const Weight* w) { return load_part<Words>(w, k - whole); });
-    for (int r = 0; r < R; ++r) {
-      const int64_t middle = int64_t{kMiddle} * sum<int32_t>(plain[r]);
-      for (int c = 0; c < C; ++c) {
-        int64_t value = -middle;
-        for (int d = 0; d < kDigits; ++d) value += int64_t{sum<int32_t>(total[r][c][d])} * (int64_t{1} << 8 * d);
-        y[c * stride + r] = static_cast<float>(static_cast<double>(value) * x[c].unit * scale[r]);
+    for (int r = 0; r < R; ++r)
+      for (int c = 0; c < C; ++c) {  // the middle, 64 in the third byte, is taken off before anything is rounded
+        const Floats value = number(total[r][c][0]) + 256.0f * number(total[r][c][1]) +
+                             65536.0f * number(total[r][c][2] - 64 * plain[r]);
+        y[c * stride + r] = sum<kBytes>(value) * x[c].unit * scale[r];
       }
-    }
   }
 };
 
 #else
 
-struct Int8 {
-  using Weight = int8_t;
-  static constexpr int kBlock = kLanes;
-  static constexpr int kTile = kBytes == 64 ? 4 : 2;
-
-  struct Column {
-    std::vector<float> padded;
-    void set(const float* x, int64_t k) {
-      padded.assign(blocks(k, kBlock) * kBlock, 0.0f);
-      std::copy(x, x + k, padded.begin());
-    }
-  };
-
-  template <int R, int C>
-  static void tile(const Weight* weight, int64_t k, const Column* x, const float* scale, float* y, int64_t stride) {
-    Floats total[R][C] = {};
-    auto add = [&](int64_t at, auto read) {
-      for (int r = 0; r < R; ++r) {
-        const Floats w = __builtin_convertvector(__builtin_convertvector(read(weight + r * k + at), Ints), Floats);
-        for (int c = 0; c < C; ++c) total[r][c] += w * load<Floats>(x[c].padded.data() + at);
-      }
-    };
-    const int64_t whole = k / kBlock * kBlock;
-    for (int64_t at = 0; at < whole; at += kBlock) add(at, [](const Weight* w) { return load<Quarter>(w); });
-    if (whole < k) add(whole, [&](const Weight* w) { return load_part<Quarter>(w, k - whole); });
-    for (int r = 0; r < R; ++r)
-      for (int c = 0; c < C; ++c) y[c * stride + r] = sum<float>(total[r][c]) * scale[r];
-  }
-};
+using Int8 = Plain<int8_t, 4, quarter>;
 
 #endif
 
