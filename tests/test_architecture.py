@@ -14,7 +14,7 @@ PACKAGE = ROOT / "src" / "zeggs_jax"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 ARROWS = {
-    "cli": {"zeroeggs", "diffuclip", "data", "synthetic", "stage", "metrics"},
+    "cli": {"zeroeggs", "diffuclip", "data", "synthetic", "stage", "metrics", "nn"},
     "zeroeggs": {"data", "motion", "speech", "nn", "training"},
     "diffuclip": {"data", "motion", "speech", "nn", "training"},
     "synthetic": {"motion", "speech", "geometry"},
@@ -46,6 +46,7 @@ TOUCH_DISK = {
     "diffuclip/run_folder.py",
     "diffuclip/request.py", "diffuclip/video.py", "diffuclip/safetensors_folder.py", "diffuclip/t5.py",
     "diffuclip/clip.py", "diffuclip/minilm.py", "diffuclip/asr.py",
+    "nn/compiled.py",  # into the user's cache folder, if there is one to write in
     "nn/native.py",  # compiles, into the user's cache folder
     "zeroeggs/library_file.py", "zeroeggs/embedding.py", "zeroeggs/style_clip.py",
 }  # fmt: skip

@@ -21,6 +21,7 @@ from ..data.augment import mirror_of
 from ..data.body import AS_IS
 from ..data.prepared import Prepared, load
 from ..data.scale import Scales
+from ..nn import compiled
 from ..speech.features import SpeechFeatureConfig
 from ..training import checkpoint, devices, keep, loop
 from ..training.optimiser import radam, stepped_rate
@@ -59,6 +60,7 @@ def train(
         OSError: a file cannot be written.
         KeyboardInterrupt: after Ctrl-C, with all work saved.
     """
+    compiled.keep()
     arrays, out = load(folder), Path(out)
     config, mesh = fit_config(config, arrays), devices.mesh()
     devices.check_batch(config.windows.batch, mesh, config.accumulate)
