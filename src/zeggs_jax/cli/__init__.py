@@ -1,12 +1,16 @@
 """The `zeggs` command: one function for each subcommand, one sentence for each thing that can go wrong."""
 
+import functools
 import os
 import sys
+from collections.abc import Callable
 from importlib.metadata import version
+from typing import Any
 
 import tyro
 
 from . import diffuse, judge, learn, perform, style, timeline
+
 
 COMMANDS = (
     perform.demo,
@@ -20,12 +24,27 @@ COMMANDS = (
     perform.view,
     judge.evaluate,
 )
+
+
+def _kept(command: Callable[..., None]) -> Callable[..., None]:
+    """The command, with what it compiles kept for the next one."""
+
+    @functools.wraps(command)
+    def run(*given: Any, **options: Any) -> None:
+        from ..nn import compiled
+
+        compiled.keep()
+        command(*given, **options)
+
+    return run
+
+
 app = tyro.extras.SubcommandApp()
 for command in COMMANDS:
-    app.command(command)
+    app.command(_kept(command))
 diffuclip = tyro.extras.SubcommandApp()
 for command in (diffuse.generate, diffuse.train):
-    diffuclip.command(command)
+    diffuclip.command(_kept(command))
 app.command(diffuclip, name="diffuclip", help="GestureDiffuCLIP: gestures from speech, its words and a prompt.")
 
 
