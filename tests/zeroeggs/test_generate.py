@@ -184,7 +184,9 @@ def test_a_table_makes_one_file_per_row(folder, model, tmp_path, monkeypatch, ca
     assert [path.name for path in made] == ["one.bvh", "audio_speech_label_happy.bvh"]
     alone = ask(folder, "old", temperature=0.5, seed=3, frames=((5, 40),), first_pose=str(folder / "happy.bvh"))
     expected = g.generate(folder / "speech.wav", alone, model=model)
-    assert made[0].read_text() == bvh.format(expected.clip)
+    written = bvh.read(made[0])
+    np.testing.assert_allclose(written.euler, expected.clip.euler, atol=1e-4)  # rows are decoded together
+    np.testing.assert_allclose(written.positions, expected.clip.positions, atol=1e-3)
 
 
 @pytest.mark.parametrize(

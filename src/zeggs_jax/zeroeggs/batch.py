@@ -2,6 +2,7 @@
 
 import csv
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from tqdm import tqdm
 from . import examples, steering
 from . import generate as g
 from .model import Model
+from .synthesis import WIDTHS, synthesize_many
 
 COLUMNS = (
     "base_path",
@@ -23,6 +25,7 @@ COLUMNS = (
     "first_pose",
     "generate",
 )  # use_gpu is read and ignored: JAX picks the device
+MOST_FRAMES = 100_000  # that are held at a time: half a GB of poses of 75 joints
 
 
 class Job(NamedTuple):
@@ -116,6 +119,8 @@ def _slashes(text: str) -> str:
 def generate_all(table: Path, out: Path, defaults: g.Request, model: Model) -> list[Path]:
     """Generates every row into `out`, with a progress bar; the whole table is read before the first.
 
+    The networks run for up to 32 rows at once; a row's motion is the one that `generate` makes, to rounding.
+
     Notes on a row's style (see `generate.Gesture`) go to stderr.
 
     Raises:
@@ -126,14 +131,37 @@ def generate_all(table: Path, out: Path, defaults: g.Request, model: Model) -> l
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise ValueError(f"table '{table.name}' writes '{twice}.bvh' twice; give each row its own file_name.")
-    return [_generate(job, out, model) for job in tqdm(jobs, desc="generating", unit="clip")]
+    with tqdm(total=len(jobs), desc="generating", unit="clip") as bar:
+        made = []
+        for path in _generate(jobs, out, model):
+            made.append(path)
+            bar.update()
+    return made
 
 
-def _generate(job: Job, out: Path, model: Model) -> Path:
-    try:
-        gesture = g.generate(job.speech, job.request, model=model)
-    except ValueError as error:
-        raise ValueError(f"{job.where}: {error}") from error
-    for note in gesture.notes:
-        tqdm.write(f"zeggs: note: {job.where}: {note}", file=sys.stderr)
-    return g.save(out / f"{job.file_name}.bvh", gesture)
+def _generate(jobs: list[Job], out: Path, model: Model) -> Iterator[Path]:
+    """The files of all rows, some of which run together; also of those before a row that is refused."""
+    group: list[tuple[Job, g.Asked]] = []
+    for job in jobs:
+        try:
+            group.append((job, g.prepare(job.speech, job.request, model)))
+        except (ValueError, OSError) as error:
+            yield from _write(group, out, model)
+            if isinstance(error, ValueError):
+                raise ValueError(f"{job.where}: {error}") from error
+            raise
+        if len(group) == WIDTHS[-1] or sum(len(asked.told.spectrum) for _, asked in group) > MOST_FRAMES:
+            yield from _write(group, out, model)
+            group = []
+    yield from _write(group, out, model)
+
+
+def _write(group: list[tuple[Job, g.Asked]], out: Path, model: Model) -> Iterator[Path]:
+    for (job, asked), poses in zip(group, synthesize_many(model, [asked.told for _, asked in group]), strict=True):
+        try:
+            gesture = g.finish(asked, poses, model)
+        except ValueError as error:
+            raise ValueError(f"{job.where}: {error}") from error
+        for note in gesture.notes:
+            tqdm.write(f"zeggs: note: {job.where}: {note}", file=sys.stderr)
+        yield g.save(out / f"{job.file_name}.bvh", gesture)

@@ -22,6 +22,7 @@ from ..data import scale
 from ..data.scale import Scale, Scales
 from ..motion import pose as poses
 from ..motion.pose import Pose, Root
+from ..nn.reduced import Reduced, product
 from . import decoder
 from .decoder import GAZE, DecoderConfig, Frame
 
@@ -32,20 +33,23 @@ VELOCITIES = 6  # numbers that the root is moved by
 class Product(NamedTuple):
     """W x + b."""
 
-    weight: Float[Array, "out in"]
+    weight: Float[Array, "out in"] | Reduced
     bias: Float[Array, " out"]
 
 
 class Folded(NamedTuple):
-    """The weights of the fast form; H hidden, S speech, Z style, J joints. Rows 4H: the dense layer's, then 3H gates'."""
+    """The weights of the fast form, plain or by `nn.reduced.with_precision`; H hidden, S speech, Z style, J joints.
+
+    W = 4H rows are the dense layer's, then the G = 3H of the first gates.
+    """
 
     given: Product  # (4H, S + Z), with the biases of both layers
-    gaze: Float[Array, "4H 3"]
+    gaze: Float[Array, "W 3"]
     gaze_in: Scale
-    embedded: Float[Array, "3H H"]  # the dense layer's output to the first gates
+    embedded: Float[Array, "G H"] | Reduced  # the dense layer's output to the first gates
     layers: tuple[Product, ...]  # (6H, H): the next layer's gates, then what its own state adds to its next gates;
     # the last (7H, H): the rows of the next pose's columns, then the same
-    root: Product  # (6, H): velocities in cm/s and rad/s, in full precision whatever the others are in
+    root: Product  # (6, H): velocities in cm/s and rad/s; too small to be reduced
     joints: Product  # (15J, H): the rest of the pose vector, unscaled
     frame_time: Float[Array, ""]
 
@@ -55,8 +59,8 @@ class FoldedState(NamedTuple):
 
     root: Root
     hidden: Float[Array, "L H"]
-    gates: Float[Array, "L 3H"]  # W_hh h + b_hh
-    projected: Float[Array, " 4H"]  # the pose's columns of the dense layer and of the first gates, multiplied
+    gates: Float[Array, "L G"]  # W_hh h + b_hh
+    projected: Float[Array, " W"]  # the pose's columns of the dense layer and of the first gates, multiplied
 
 
 def fits(config: DecoderConfig) -> bool:
@@ -73,7 +77,7 @@ def fold(params: Any, config: DecoderConfig, scales: Scales, frame_time: float) 
     if not fits(config):
         raise ValueError(f"a decoder with '{config.conditioning}' conditioning has no folded form; use its plain form.")
     net = params["recurrent"]
-    dtype = np.result_type(net["dense_out"]["weight"])
+    dtype = net["dense_out"]["weight"].dtype
     (exact, cells), hidden = (_exact(net[name]) for name in ("dense_out", "gru")), config.hidden
     wide = _wide(net, hidden)
     size = len(exact["bias"])
@@ -124,7 +128,7 @@ def begin(params: Any, folded: Folded, config: DecoderConfig, scales: Scales, fi
     columns = (net["dense_in"]["weight"], net["gru"]["layer0"]["weight_ih"][:, config.hidden :])
     projected = jnp.concatenate([weight[:, :size] @ seen for weight in columns])
     own = zip(folded.layers, state.hidden, strict=True)
-    gates = [layer.weight[-3 * config.hidden :] @ h + layer.bias[-3 * config.hidden :] for layer, h in own]
+    gates = [_apply(layer, h)[-3 * config.hidden :] for layer, h in own]
     return FoldedState(first.root, state.hidden, jnp.stack(gates), projected)
 
 
@@ -143,7 +147,7 @@ def _advance(
 ) -> tuple[FoldedState, Pose]:
     """`each` makes of a function of one clip that of all."""
 
-    def told(given: Frame) -> Float[Array, "K 4H"]:
+    def told(given: Frame) -> Float[Array, "K W"]:
         known = jnp.concatenate([given.speech, given.style], -1)
         return jax.vmap(partial(_apply, folded.given))(known)
 
@@ -163,29 +167,29 @@ def _advance(
 
 
 def _frame(
-    folded: Folded, config: DecoderConfig, state: FoldedState, told: Float[Array, " 4H"], target: Float[Array, " 3"]
+    folded: Folded, config: DecoderConfig, state: FoldedState, told: Float[Array, " W"], target: Float[Array, " 3"]
 ) -> tuple[FoldedState, tuple[Root, Array, Array]]:
     """One frame: its state; its root, the velocities of the root and the GRU's output."""
     inputs = state.projected + told
     if config.facing:
         inputs += folded.gaze @ scale.apply(folded.gaze_in, poses.gaze_direction(state.root, target))
-    ahead = folded.embedded @ jax.nn.elu(inputs[: config.hidden]) + inputs[config.hidden :]
+    ahead = product(folded.embedded, jax.nn.elu(inputs[: config.hidden])) + inputs[config.hidden :]
     hidden, gates = [], []
     for layer, own, last in zip(folded.layers, state.gates, state.hidden, strict=True):
         hidden.append(_gru(ahead, own, last))
-        product = _apply(layer, hidden[-1])
-        ahead, kept = product[: -3 * config.hidden], product[-3 * config.hidden :]
+        both = _apply(layer, hidden[-1])
+        ahead, kept = both[: -3 * config.hidden], both[-3 * config.hidden :]
         gates.append(kept)
     velocity = _apply(folded.root, hidden[-1])
     root = poses.integrate(state.root, velocity[:3], velocity[3:], folded.frame_time)
     return FoldedState(root, jnp.stack(hidden), jnp.stack(gates), ahead), (root, velocity, hidden[-1])
 
 
-def _apply(product: Product, x: Float[Array, " in"]) -> Float[Array, " out"]:
-    return product.weight @ x + product.bias
+def _apply(layer: Product, x: Float[Array, " in"]) -> Float[Array, " out"]:
+    return product(layer.weight, x) + layer.bias
 
 
-def _gru(x: Float[Array, " 3H"], own: Float[Array, " 3H"], hidden: Float[Array, " H"]) -> Float[Array, " H"]:
+def _gru(x: Float[Array, " G"], own: Float[Array, " G"], hidden: Float[Array, " H"]) -> Float[Array, " H"]:
     """`nn.layers.GRUCell` from its two products."""
     (reset_x, update_x, new_x), (reset_h, update_h, new_h) = (jnp.split(a, 3) for a in (x, own))
     update = jax.nn.sigmoid(update_x + update_h)

@@ -8,28 +8,27 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..motion import bvh, features
 from ..motion.bvh import Clip
-from ..motion.features import Motion
 from ..motion.pose import Pose
+from ..nn.reduced import Precision
 from ..speech import features as speech_features
 from ..speech import wav
-from . import examples, library, steering, style_space
+from . import examples, library, steering
 from .checkpoints import digest, load_model
-from .model import Model, decode, encode_speech
+from .model import Model
 from .steering import Request, read_styles, starting_pose, style_sequence
+from .synthesis import Told, synthesize
 
 __all__ = ["BUNDLE", "Gesture", "Request", "bundled_model", "bundled_speech", "generate", "load_model", "provenance"]
-__all__ += ["read_speech", "read_styles", "save", "starting_pose", "style_sequence", "synthesize"]
+__all__ += ["finish", "prepare", "read_speech", "read_styles", "save", "starting_pose", "style_sequence", "synthesize"]
 
 Speech = str | Path | np.ndarray
 BUNDLE = Path(str(files("zeggs_jax.zeroeggs") / "pretrained"))
-PADDING = 300  # frames: lengths are rounded up to this, so that few lengths compile
 
 
 class Gesture(NamedTuple):
@@ -39,6 +38,15 @@ class Gesture(NamedTuple):
     style: Float[Array, "T Z"]  # the embedding of every frame
     provenance: dict[str, Any]  # version, model digest, seed, arguments, notes
     notes: tuple[str, ...]  # what is worth knowing of the style: that it lies far outside the library
+
+
+class Asked(NamedTuple):
+    """One gesture to be made: what the networks are told, and what for."""
+
+    told: Told
+    speech: Speech
+    request: Request
+    notes: tuple[str, ...]
 
 
 def bundled_model() -> Model:
@@ -51,13 +59,20 @@ def bundled_speech() -> dict[str, Path]:
     return {path.stem: path for path in sorted((BUNDLE / "speech").glob("*.wav"))}
 
 
-def generate(speech: Speech, style: str | Request = "neutral", *, model: Model | None = None) -> Gesture:
+def generate(
+    speech: Speech,
+    style: str | Request = "neutral",
+    *,
+    model: Model | None = None,
+    precision: Precision = "float32",
+) -> Gesture:
     """Makes a gesturing body from a speech recording.
 
     Args:
         speech: path of a WAV, FLAC or OGG file of any rate and number of channels, or samples at 16 kHz, mono.
         style: the name of a bundled style, a path (.bvh or .npz), or a full `Request`.
         model: from `load_model`; the bundled model when left out.
+        precision: of the decoder's weights; "bfloat16" and "int8" are faster on a CPU and nearly the same motion.
 
     Returns:
         The clip has round(rate x duration) frames at the model's frame rate.
@@ -67,6 +82,12 @@ def generate(speech: Speech, style: str | Request = "neutral", *, model: Model |
     """
     request = style if isinstance(style, Request) else Request(styles=(str(style),))
     model = bundled_model() if model is None else model
+    asked = prepare(speech, request, model)
+    return finish(asked, synthesize(model, *asked.told, precision), model)
+
+
+def prepare(speech: Speech, request: Request, model: Model) -> Asked:
+    """All that comes before the networks' loop: speech and styles read, the style laid out; errors as `generate`'s."""
     spectrum = read_speech(speech, model)
     rate_hz = bvh.rate_hz(model.config.frame_time)
     space = steering.read_space(request, model)
@@ -74,13 +95,18 @@ def generate(speech: Speech, style: str | Request = "neutral", *, model: Model |
     start = starting_pose(request, chosen, model)
     sequence = style_sequence(request, chosen, len(spectrum), rate_hz, space)
     notes = steering.notes(request, chosen, len(spectrum), rate_hz, space)
-    poses = synthesize(model, spectrum, sequence, start)
+    return Asked(Told(spectrum, sequence, start), speech, request, notes)
+
+
+def finish(asked: Asked, poses: Pose, model: Model) -> Gesture:
+    """All that comes after it; a ValueError for motion that is not finite."""
     clip = features.decode(poses, model.skeleton, model.config.frame_time)
     if not (np.isfinite(clip.euler).all() and np.isfinite(clip.positions).all()):
         raise ValueError(
             "the model made motion that is not finite; check its checkpoint, the style and the temperature."
         )
-    return Gesture(clip, sequence, {**provenance(speech, request, model), "notes": notes}, notes)
+    told = {**provenance(asked.speech, asked.request, model), "notes": asked.notes}
+    return Gesture(clip, asked.told.style, told, asked.notes)
 
 
 def read_speech(speech: Speech, model: Model) -> Float[Array, "T F"]:
@@ -96,21 +122,6 @@ def read_speech(speech: Speech, model: Model) -> Float[Array, "T F"]:
     if not len(spectrum):
         raise ValueError(f"speech '{_named(speech)}' is shorter than one frame of motion; give a longer recording.")
     return jnp.asarray(spectrum)
-
-
-def synthesize(model: Model, spectrum: Float[Array, "T F"], style: Float[Array, "T Z"], start: Motion) -> Pose:
-    """Features and style in, poses out: the networks of Fig. 2, without files."""
-    speech = encode_speech(model.params, model.config, model.scales, spectrum)
-    frames = len(speech)
-    extra = -frames % PADDING  # the decoder is causal: what is added behind changes nothing before
-    speech, style = (jnp.pad(x, ((0, extra), (0, 0)), mode="edge") for x in (speech, style))
-    gaze = style_space.hold(start.gaze, frames + extra)
-    first = jax.tree.map(lambda x: jnp.asarray(x[0]), start.pose)
-    poses = _decode(model.params, model.config, model.scales, first, speech, style, gaze)
-    return jax.tree.map(lambda x: x[:frames], poses)
-
-
-_decode = jax.jit(decode, static_argnames=("config",))
 
 
 def provenance(speech: Speech, request: Request, model: Model) -> dict[str, Any]:
