@@ -253,11 +253,32 @@ def _extrapolated(v: Array) -> Array:
 def _decode(poses: Pose, rebased: bool, unit_root: bool) -> tuple[Float[Array, "T J 3"], Float[Array, "T J 3"]]:
     """Euler angles and local positions, joint 0 in world."""
     if unit_root:
-        poses = poses._replace(root=Root(poses.root.pos, quaternion.normalize(poses.root.rot)))
+        poses = _with_unit_root(poses)
     if rebased:
         first = Root(*(jnp.broadcast_to(x[:1], x.shape) for x in poses.root))
         poses = rebase(poses, first)
+    rotations, positions = _local(poses)
+    return quaternion.to_euler(rotations, "zyx"), positions
+
+
+@jax.jit
+def joints(pose: Pose, origin: Root) -> tuple[Float[Array, "J 4"], Float[Array, "J 3"]]:
+    """One pose as engines take it: rotations (wxyz) and positions (cm) in the parent's frame, those of joint 0 in world.
+
+    The world is one in which `origin`, of unit length, is in the middle and faces +Z: what `decode` makes of frame 0.
+    """
+    poses, first = jax.tree.map(lambda a: jnp.asarray(a)[None], (pose, origin))
+    rotations, positions = _local(rebase(_with_unit_root(poses), first))
+    return rotations[0], positions[0]
+
+
+def _with_unit_root(poses: Pose) -> Pose:
+    return poses._replace(root=Root(poses.root.pos, quaternion.normalize(poses.root.rot)))
+
+
+def _local(poses: Pose) -> tuple[Float[Array, "T J 4"], Float[Array, "T J 3"]]:
+    """Local rotations and positions, joint 0 in world."""
     turn, rotations = poses.root.rot, rotation.axes_to_quaternion(poses.joint_axes)
     rotations = rotations.at[:, 0].set(quaternion.multiply(turn, rotations[:, 0]))
     hips = poses.root.pos + quaternion.rotate(turn, poses.joint_pos[:, 0])
-    return quaternion.to_euler(rotations, "zyx"), poses.joint_pos.at[:, 0].set(hips)
+    return rotations, poses.joint_pos.at[:, 0].set(hips)

@@ -35,6 +35,7 @@ class LiveFeatures:
         self._half = config.window // 2
         self._wave = np.zeros(0)  # what later windows still see; from `_from` on, counted in the padded recording
         self._from: int | None = None  # None: not yet enough for the reflection in front
+        features.mel_basis(config)  # now, not with the first samples
         self._next = 0  # spectrogram frame
         self._frames = np.zeros((0, config.size))  # the last rows at the spectrogram's rate, up to `_next`
         self._row = 0  # row that comes out next

@@ -16,6 +16,9 @@ class RunningLoudness:
     """What `wav.loudness` says of all samples so far, to 0.1 LU: one number for every 0.1 s, whatever is pushed."""
 
     def __init__(self, rate_hz: int = wav.RATE_HZ):
+        from scipy.signal import sosfilt  # 0.5 s to import: only who measures pays
+
+        self._run = sosfilt
         self.step = round(STEP_S * rate_hz)
         self._filter = k_weighting(rate_hz)
         self._state = np.zeros((len(self._filter), 2))
@@ -25,11 +28,9 @@ class RunningLoudness:
 
     def hear(self, wave: Float[np.ndarray, " n"]) -> list[float]:
         """LUFS at the end of each step that `wave` completes; -inf as long as all is silence."""
-        from scipy.signal import sosfilt  # 0.5 s to import: only who measures pays
-
         if not wave.size:
             return []
-        filtered, self._state = sosfilt(self._filter, np.asarray(wave, np.float64), zi=self._state)
+        filtered, self._state = self._run(self._filter, np.asarray(wave, np.float64), zi=self._state)
         squares = np.concatenate([self._squares, filtered**2])
         whole = len(squares) // self.step
         energies = squares[: whole * self.step].reshape(whole, self.step).sum(1)
@@ -53,6 +54,7 @@ class RunningLoudness:
             return -np.inf
         gate = lufs(float(self._energy.sum() / self._count.sum())) - QUIETER
         first = max(int(np.ceil((gate - SILENT) / (LOUDEST - SILENT) * BINS)), 0)
+        first = min(first, int(np.flatnonzero(self._count)[-1]))
         return lufs(float(self._energy[first:].sum() / self._count[first:].sum()))
 
 
