@@ -9,12 +9,12 @@ from typing import Any
 
 import tyro
 
-from . import diffuse, judge, learn, perform, style, timeline
-
+from . import diffuse, judge, learn, perform, stream, style, timeline
 
 COMMANDS = (
     perform.demo,
     perform.generate,
+    stream.stream,
     style.embed,
     style.styles,
     timeline.timeline,

@@ -28,7 +28,7 @@ from zeggs_jax.stage.shapes import Station
 COLOURS = ("#c4674a", "#3f8f8a", "#4f79b8", "#cf9f3d", "#8a5c90", "#78994f", "#cc7790", "#64788e")
 """What the figures wear, in turn, on the page and in strips of poses."""
 
-SCRIPTS = ("motion", "webgl", "canvas", "captions", "main")
+SCRIPTS = ("motion", "view", "webgl", "canvas", "captions", "main")
 
 Speech = str | Path | tuple[np.ndarray, float | int] | None
 
@@ -84,16 +84,16 @@ def scene(figures: Sequence[Figure], max_rate: float = 60.0) -> dict[str, Any]:
     return {"figures": entries, "tracks": [track for _, track in tracks.values()]}
 
 
-def page(title: str, scene: dict[str, Any]) -> str:
+def page(title: str, scene: dict[str, Any], name: str = "index", scripts: Sequence[str] = SCRIPTS) -> str:
     """The page's text: our own markup, style and script with the scene inside."""
     folder = resources.files("zeggs_jax.stage") / "page"
     fill = {
         "title": html.escape(title),
         "style": (folder / "style.css").read_text("utf-8"),
-        "script": "\n".join((folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS),
+        "script": "\n".join((folder / f"{script}.js").read_text("utf-8") for script in scripts),
         "scene": json.dumps(scene, separators=(",", ":")).replace("<", "\\u003c"),
     }
-    return re.sub(r"\{\{(\w+)\}\}", lambda hole: fill[hole[1]], (folder / "index.html").read_text("utf-8"))
+    return re.sub(r"\{\{(\w+)\}\}", lambda hole: fill[hole[1]], (folder / f"{name}.html").read_text("utf-8"))
 
 
 def pack_figure(figure: Figure, max_rate: float) -> dict[str, Any]:
@@ -130,6 +130,7 @@ def pack_figure(figure: Figure, max_rate: float) -> dict[str, Any]:
         "turns": pack(np.rint(32767.0 * continuous(clip)).reshape(len(places), -1).T),
         "parts": [[part.tone, *(pack_station(s, scale) for s in part.stations)] for part in dressed.parts],
         "centre": dressed.centre,
+        "unit": scale,
         "stature": scale * dressed.stature,
         "floor": scale * dressed.floor,
         "facing": dressed.facing,

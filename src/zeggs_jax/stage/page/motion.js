@@ -20,6 +20,7 @@ class Figure {
     this.count = this.parents.length;
     this.duration = this.frames * this.frameTime;
     this.local = new Float32Array(this.offsets.flat());
+    this.turn = new Float32Array(this.count * 4);        // local turns
     this.quat = new Float32Array(this.count * 4);        // world turns
     this.place = new Float32Array(this.count * 3);       // world places, metres
     this.mats = new Float32Array(this.count * 12);       // world matrices, three rows of four
@@ -31,7 +32,7 @@ class Figure {
 
   /** Sets places and turns of all joints at a time, between two frames by normalised interpolation. */
   pose(time) {
-    const { turns, moves, frames, parents, quat, place, local } = this;
+    const { turns, moves, frames, local } = this;
     const at = this.frameAt(time), i = Math.floor(at), n = Math.min(i + 1, frames - 1), f = at - i;
     this.moving.forEach((joint, m) => {
       for (let a = 0; a < 3; a++) {
@@ -41,11 +42,19 @@ class Figure {
     });
     for (let j = 0; j < this.count; j++) {
       const row = j * 4 * frames;
-      let w = 0, x = 0, y = 0, z = 0, near = 0;
+      let near = 0;
       for (let a = 0; a < 4; a++) near += turns[row + a * frames + i] * turns[row + a * frames + n];
       const g = near < 0 ? -f : f;
-      const mix = a => turns[row + a * frames + i] * (1 - f) + turns[row + a * frames + n] * g;
-      w = mix(0); x = mix(1); y = mix(2); z = mix(3);
+      for (let a = 0; a < 4; a++) this.turn[j * 4 + a] = turns[row + a * frames + i] * (1 - f) + turns[row + a * frames + n] * g;
+    }
+    this.carry();
+  }
+
+  /** Places and turns of all joints in world from `local` places and `turn` quaternions of any length. */
+  carry() {
+    const { parents, quat, place, local, turn } = this;
+    for (let j = 0; j < this.count; j++) {
+      let [w, x, y, z] = turn.subarray(j * 4, j * 4 + 4);
       const s = 1 / (Math.hypot(w, x, y, z) || 1), p = parents[j];
       w *= s; x *= s; y *= s; z *= s;
       const lx = local[j * 3], ly = local[j * 3 + 1], lz = local[j * 3 + 2];
