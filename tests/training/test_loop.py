@@ -229,3 +229,15 @@ def test_a_device_without_room_is_told_what_to_do(tmp_path):
 
     with pytest.raises(ValueError, match=r"update 0 does not fit into the memory of the device \(.*8589934592 bytes"):
         loop.fit(start(), Task(step, batches, save), tmp_path, PLAN, progress=False)
+
+
+def test_a_stop_that_comes_too_late_for_a_stage_reaches_what_runs_it():
+    with loop.stop_requested() as whole:
+        with loop.stop_requested() as stage:
+            os.kill(os.getpid(), signal.SIGINT)
+            assert stage.is_set()
+        assert whole.is_set()
+        with loop.stop_requested() as later:
+            assert not later.is_set()
+    with loop.stop_requested() as after:
+        assert not after.is_set()

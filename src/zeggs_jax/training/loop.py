@@ -156,9 +156,15 @@ def _bar(start: int, plan: Plan, progress: bool) -> tqdm:
     return tqdm(total=plan.steps, initial=start, disable=not progress, desc=plan.title, unit="step", mininterval=pause)
 
 
+_awaited: list[threading.Event] = []  # of calls within calls of `stop_requested`: all of them are told
+
+
 @contextmanager
 def stop_requested() -> Iterator[threading.Event]:
-    """An event that Ctrl-C or SIGTERM sets; a second Ctrl-C acts at once. Does nothing outside the main thread."""
+    """An event that Ctrl-C or SIGTERM sets; a second Ctrl-C acts at once. Does nothing outside the main thread.
+
+    Around another such block the event is set too: what the inner one has no time left to heed, the outer one can.
+    """
     stop = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield stop
@@ -167,11 +173,14 @@ def stop_requested() -> Iterator[threading.Event]:
     def request(number: int, frame: Any) -> None:
         if stop.is_set():
             raise KeyboardInterrupt
-        stop.set()
+        for event in _awaited:
+            event.set()
 
+    _awaited.append(stop)
     before = {number: signal.signal(number, request) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield stop
     finally:
+        _awaited.remove(stop)
         for number, handler in before.items():
             signal.signal(number, handler)
