@@ -28,7 +28,7 @@ class Reduced(NamedTuple):
 
 
 def reduce(weight: Float[ArrayLike, "N K"], kind: Kind) -> Reduced:
-    """Rounds to the nearest: within 2^-9 of every entry (bfloat16), within 1/254 of its row's largest (int8).
+    """Rounds to the nearest: within 2^-8 of every entry (bfloat16), or within 1/254 of its row's largest (int8).
 
     Raises:
         ValueError: no matrix, entries that are not finite, more columns than the kernel can sum, an unknown kind.
