@@ -179,9 +179,10 @@ def wish(bench: Bench, prompt: Float[np.ndarray, " P"] | None, scale: float = SC
 
 def of_text(bench: Bench, text: str, head: prompts.Head | None = None) -> Float[np.ndarray, " P"]:
     """The prompt that a text is, by the best head there is."""
+    params, config = bench.model.params["prompts"], bench.model.config
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return prompts.embed_texts(bench.model.params["prompts"], bench.model.config, [text], head)[0]
+        return prompts.ground(params, config, prompts.embed_texts(params, config, [text], head)[0])
 
 
 def of_motion(bench: Bench, example: Path) -> Float[np.ndarray, " P"]:
@@ -197,7 +198,8 @@ def of_video(bench: Bench, example: Path, seed: int) -> Float[np.ndarray, " P"]:
     motion = representation.encode(clip)[: config.prompts.frames]
     padded = np.pad(motion, ((0, config.prompts.frames - len(motion)), (0, 0)))
     images = bench.film(padded, np.arange(len(padded)) < len(motion), jax.random.key(seed))
-    return np.asarray(prompts.encode_video(bench.model.params["prompts"], config, images[None]))
+    params = bench.model.params["prompts"]
+    return prompts.ground(params, config, prompts.encode_video(params, config, images[None]))
 
 
 def example(bench: Bench, name: str, factors: StyleFactors, number: int = 0) -> Path:

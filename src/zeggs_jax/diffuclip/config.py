@@ -73,6 +73,7 @@ class PromptsConfig:
     video_heads: int = 12
     temperature: float = 0.07
     dropout: float = 0.1
+    grounded: bool = False  # texts and videos are brought to the nearest motions of the training; the paper's are not
 
 
 @dataclass(frozen=True)
@@ -185,7 +186,7 @@ SMALL = DiffuclipConfig(
     joint=JointConfig("words", 64, 2, 4, text_layers=1, words=24, latents=48, saliency="rescaled"),
     prompts=PromptsConfig(
         "words", 64, 128, 3, 4, frames=180, patch=6, image="small", pixels=48, video_frames=16,
-        video_width=64, video_layers=2, video_heads=4,
+        video_width=64, video_layers=2, video_heads=4, grounded=True,
     ),
     denoiser=DenoiserConfig(128, 4, 4, output="velocity"),
     diffusion=DiffusionConfig(short_steps=0, captioned=0.4, perceptual=0.125),

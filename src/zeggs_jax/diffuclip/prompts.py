@@ -83,7 +83,10 @@ class SentencesHead(nn.Module):
 
 
 def init(key: Array, config: DiffuclipConfig, skeleton: Skeleton) -> Params:
-    """Leaves "motion", "words" and "sentences" (neither with CLIP's text), "known" (hashes of the words seen)."""
+    """Leaves "motion", "words" and "sentences" (neither with CLIP's text), "known" (hashes of the words seen).
+
+    Training adds "anchors", the prompts of the motions seen (`ground`), and "video".
+    """
     c, keys = config.prompts, jax.random.split(key, 3)
     frames, seen = jnp.zeros((c.patch, 3 + 6 * len(skeleton))), jnp.ones(c.patch, bool)
     params = {"motion": MotionEncoder(c).init(keys[0], frames, seen)["params"], "known": np.zeros(0, np.int32)}
@@ -188,3 +191,14 @@ def pick(
     cosines = jnp.asarray(candidates) @ jnp.asarray(prompt)
     few = jnp.sort(cosines)[-min(most, len(cosines))]
     return jax.nn.softmax(jnp.where(cosines >= few, sharpness * cosines, -jnp.inf))
+
+
+def ground(params: Params, config: DiffuclipConfig, prompt: Float[ArrayLike, " size"]) -> Float32[np.ndarray, " size"]:
+    """A text's or a video's prompt brought to where motions lie: the mixture of the nearest of the training (`pick`).
+
+    Wording that no caption had lands beside the motions' part of the space, where the denoiser has learnt nothing.
+    Unless the config's prompts are `grounded` and there are anchors, the prompt as it is, as the paper's.
+    """
+    if not config.prompts.grounded or "anchors" not in params:
+        return np.asarray(prompt, np.float32)
+    return np.asarray(unit(pick(prompt, params["anchors"]) @ jnp.asarray(params["anchors"])))

@@ -159,13 +159,15 @@ def embed(prompt: str, model: Model) -> tuple[Float[np.ndarray, " P"], tuple[str
         from . import video
 
         pieces = video.read(prompt, model.config.prompts.video_frames, model.config.prompts.pixels)
-        return np.asarray(_watch(model.params["prompts"], model.config, pieces)), ()
+        watched = _watch(model.params["prompts"], model.config, pieces)
+        return prompts.ground(model.params["prompts"], model.config, watched), ()
     if not prompt.strip():
         raise ValueError("the prompt is empty; say how the body moves, as in --prompt 'an old, tired person'.")
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         embedded = prompts.embed_texts(model.params["prompts"], model.config, [prompt])[0]
-    return np.asarray(embedded), tuple(str(warning.message) for warning in told if warning.category is UserWarning)
+    grounded = prompts.ground(model.params["prompts"], model.config, embedded)
+    return grounded, tuple(str(warning.message) for warning in told if warning.category is UserWarning)
 
 
 def motion_prompt(clip: bvh.Clip, name: str, model: Model) -> Float[np.ndarray, " P"]:

@@ -23,6 +23,8 @@ READS = {
 }
 """The settings that a stage depends on, beside its own and those of the stages before it."""
 FREE = ("log_every", "checkpoint_every")
+LATER = {"prompts": ("grounded",)}
+"""What only generation reads."""
 
 
 def seen(
@@ -44,6 +46,8 @@ def _settings(config: DiffuclipConfig, name: str) -> dict[str, Any]:
     """What decides the result of a stage."""
     plain = to_dict(config)
     own = {key: value for key, value in plain[f"learn_{name}"].items() if key not in FREE}
+    for room, keys in LATER.items():
+        plain[room] = {key: value for key, value in plain[room].items() if key not in keys}
     return {"seed": config.seed, f"learn_{name}": own, **{key: plain[key] for key in READS[name]}}
 
 

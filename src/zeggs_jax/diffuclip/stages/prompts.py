@@ -12,12 +12,14 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Float32, Int
 
+from ...data import scale
 from ...training.step import TrainState, begin, make_step, trained
 from .. import prompts, wording
 from ..config import DiffuclipConfig
 from ..prompts import Hashed, Head
 from .stage import Material, Params, Stage, optimiser, window
 
+STRETCHES = 4  # of a take, that its anchor is the mean of
 SHORTEST_S = 2.0  # of a window; the longest is `learn_prompts.seconds`
 FORGOTTEN = 0.1  # share of a caption's words that training leaves out
 COSINE = 0.5  # weight of 1 - cosine of a window and its own caption, beside the contrast
@@ -60,9 +62,21 @@ def stage(config: DiffuclipConfig, material: Material, params: dict[str, Params]
         begin=start,
         step=make_step(partial(loss_fn, config), steps, config.seed, ema=settings.ema),
         batch=lambda k: _batch(config, material, captions, k, "train"),
-        finish=lambda state: {**trained(state), "known": known},
+        finish=lambda state: {**trained(state), "known": known, "anchors": anchors(trained(state), config, material)},
         validate=validate if any(take.split == "valid" for take in material.takes) else None,
     )
+
+
+def anchors(params: Params, config: DiffuclipConfig, material: Material) -> Float32[np.ndarray, "K P"]:
+    """The prompt of every take of the training: the mean of stretches spread over it, of unit length."""
+    longest, found = config.prompts.frames, []
+    embed = jax.jit(jax.vmap(partial(prompts.encode_motion, params, config)))
+    for take in (take for take in material.takes if take.split == "train"):
+        starts = np.linspace(0, max(len(take.motion) - longest, 0), STRETCHES).round().astype(int)
+        motion, mask = (np.stack(x) for x in zip(*(window(take.motion, int(s), longest) for s in starts), strict=True))
+        mean = np.asarray(embed(scale.apply(material.motion_scale, motion), mask)).mean(axis=0)
+        found.append(mean / np.linalg.norm(mean))
+    return np.asarray(found, np.float32)
 
 
 def read_captions(config: DiffuclipConfig, material: Material) -> Captions:
