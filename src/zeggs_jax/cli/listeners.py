@@ -4,13 +4,14 @@ import json
 import socket
 import sys
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 from urllib.parse import urlsplit
 
 Note = Callable[[str], None]
 Message = dict[str, Any]
 
 
+@runtime_checkable
 class Listener(Protocol):
     """Is told every message, in order."""
 

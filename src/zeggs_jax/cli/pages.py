@@ -1,7 +1,9 @@
 """A WebSocket server and the page that it shows: frames out, the page's sound and wishes in."""
 
 import json
+import logging
 import queue
+import socket
 import threading
 from collections.abc import Callable
 from http import HTTPStatus
@@ -26,16 +28,23 @@ class Pages:
         self._clients: dict[Any, Any] = {}
         self._first: Message | None = None
         self._lock = threading.Lock()
-        own = [f"http://{name}:{port}" for name in {host, "localhost", "127.0.0.1", "[::1]"}]
         try:
-            self._server = serve(
-                self._client, host, port, process_request=self._show, origins=[None, *own], max_size=1 << 20
-            )
-        except OSError as error:
-            raise ValueError(
-                f"'{host}:{port}' cannot be served ({error.strerror or error}); give another port."
-            ) from error
-        self.port = self._server.socket.getsockname()[1]
+            door = socket.create_server((host, port))
+        except (OSError, OverflowError) as error:
+            raise ValueError(f"'{host}:{port}' cannot be served ({error}); give another port.") from error
+        self.port = door.getsockname()[1]
+        own = [f"http://{name}:{self.port}" for name in (host, "localhost", "127.0.0.1", "[::1]")]
+        quiet = logging.getLogger("zeggs.pages")  # pages come and go; that is no error
+        quiet.addHandler(logging.NullHandler())
+        quiet.propagate = False
+        self._server = serve(
+            self._client,
+            sock=door,
+            process_request=self._show,
+            origins=[None, *own],  # a page from elsewhere may not listen
+            max_size=1 << 20,
+            logger=quiet,
+        )
         self.heard: Callable[[np.ndarray, float], None] | None = None  # where a page's sound goes; None: it may not
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
@@ -80,9 +89,13 @@ class Pages:
             self._clients[connection] = waiting
         threading.Thread(target=self._send, args=(connection, waiting), daemon=True).start()
         rate = 16_000.0
+        from websockets.exceptions import ConnectionClosed
+
         try:
             for message in connection:
                 rate = self._take(message, rate)
+        except ConnectionClosed:  # it broke off
+            pass
         finally:
             with self._lock:
                 self._clients.pop(connection, None)

@@ -14,7 +14,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 from . import hearing, listeners, pages
 from .hearing import Ear, Form
 
-LATE_S = 0.25  # a live stream that is later than this leaves frames out
+LATE_S = 0.5  # a live stream that is later than this leaves frames out
 OFTEN_S = 1.0  # a note of one kind is not told more often
 
 
@@ -166,7 +166,7 @@ class Show:
         if dropped:
             self._told["dropped"] = self.session.dropped
             self.tell({"dropped": dropped, "at": self.session.frame - len(poses.root.pos)})
-            self.note(f"too slow for live speech: {dropped} frames were left out.")
+            self.note(f"too slow for live speech: {dropped} frame{'s'[: dropped != 1]} left out.")
         for message in self.cast.frames(poses):
             self.tell(message)
 

@@ -263,7 +263,7 @@ def _decode(poses: Pose, rebased: bool, unit_root: bool) -> tuple[Float[Array, "
 
 @jax.jit
 def joints(pose: Pose, origin: Root) -> tuple[Float[Array, "J 4"], Float[Array, "J 3"]]:
-    """One pose as engines take it: rotations (wxyz) and positions (cm) in the parent's frame, those of joint 0 in world.
+    """One pose as engines take it: rotations (wxyz) and positions (cm) in the parent's frame, of joint 0 in world.
 
     The world is one in which `origin`, of unit length, is in the middle and faces +Z: what `decode` makes of frame 0.
     """

@@ -2,9 +2,9 @@
 
 Each message is a dict of plain values, for one line of JSON. The first one tells the body: `rate` (Hz), `joints`,
 `parents`, `offsets` (cm, in the parent's frame), `latency` (s). One for each frame tells `frame`, `time` (s), `place`
-of joint 0 (cm, y up) and `turns`, the rotation (wxyz) of each joint in its parent's frame, of joint 0 in world: the world
-in which the stream begins in the middle, facing +Z, as in the BVH that `generate` makes. Others tell what happens:
-`style`, `dropped` (frames left out), `note`, and with `end` how many frames there were.
+of joint 0 (cm, y up) and `turns`, the rotation (wxyz) of each joint in its parent's frame, of joint 0 in world: the
+world in which the stream begins in the middle, facing +Z, as in the BVH that `generate` makes. Others tell what
+happens: `style`, `dropped` (frames left out), `note`, and with `end` how many frames there were.
 """
 
 from collections.abc import Iterator

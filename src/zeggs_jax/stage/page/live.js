@@ -152,11 +152,14 @@ function main() {
     canvas.addEventListener("webglcontextrestored", () => { pickRenderer(); redraw(); });
     steer();
   }
+  let fine = 1, pace = 16;                               // a slow machine gets a coarser picture, not a slower one
   function frame(now) {
     const passed = Math.min((now - before) / 1000, 1);
     before = now;
+    pace += (Math.min(1000 * passed, 500) - pace) * 0.15;
+    if (pace > 45 && fine > 0.3) { fine = Math.max(fine * 0.8, 0.3); pace = 30; }
     if ((figure.advance(passed) || dirty) && renderer && canvas.clientWidth) {
-      const scale = Math.min(devicePixelRatio || 1, 2), [w, h] = [canvas.clientWidth, canvas.clientHeight].map(v => Math.round(v * scale));
+      const scale = fine * Math.min(devicePixelRatio || 1, 2), [w, h] = [canvas.clientWidth, canvas.clientHeight].map(v => Math.round(v * scale));
       if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
       const cell = { x: 0, y: 0, w: canvas.clientWidth, h: canvas.clientHeight };
       renderer.draw([viewOf(figure, room, cell, scale, canvas, 0)], look);
