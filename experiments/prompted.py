@@ -37,6 +37,7 @@ TEXTS: dict[str, dict[str, bool]] = {
     "text, wording of the training": {},
     "text, held-out paraphrase": {"held_out": True},
     "text, held-out adjective": {"synonym": True},
+    "text, held-out paraphrase, not grounded": {"held_out": True},
 }  # kinds of text prompts, and what `captions` is asked for
 
 
@@ -177,12 +178,13 @@ def wish(bench: Bench, prompt: Float[np.ndarray, " P"] | None, scale: float = SC
     return Wishes((0.0,), (guidance.whole(own, 0.0 if prompt is None else scale, bench.model.config),))
 
 
-def of_text(bench: Bench, text: str, head: prompts.Head | None = None) -> Float[np.ndarray, " P"]:
-    """The prompt that a text is, by the best head there is."""
+def of_text(bench: Bench, text: str, grounded: bool = True) -> Float[np.ndarray, " P"]:
+    """The prompt that a text is, by the best head there is, grounded if the model's are."""
     params, config = bench.model.params["prompts"], bench.model.config
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return prompts.ground(params, config, prompts.embed_texts(params, config, [text], head)[0])
+        embedded = prompts.embed_texts(params, config, [text])[0]
+    return prompts.ground(params, config, embedded) if grounded else embedded
 
 
 def of_motion(bench: Bench, example: Path) -> Float[np.ndarray, " P"]:
@@ -211,6 +213,7 @@ def example(bench: Bench, name: str, factors: StyleFactors, number: int = 0) -> 
 def prompt(bench: Bench, kind: str, style: str, number: int) -> Float[np.ndarray, " P"]:
     """The `number`-th prompt of a kind for a named style: one of TEXTS, "motion" or "video"."""
     if kind in TEXTS:
-        return of_text(bench, captions.captions(style, 7000 + 31 * number, **TEXTS[kind]))
+        text = captions.captions(style, 7000 + 31 * number, **TEXTS[kind])
+        return of_text(bench, text, not kind.endswith("not grounded"))
     clip = example(bench, style, styles.find(style), number % EXAMPLES)
     return of_motion(bench, clip) if kind == "motion" else of_video(bench, clip, 90_000 + number)
