@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import soundfile
 
-from zeggs_jax.motion import bvh
+from zeggs_jax.motion import bvh, features
+from zeggs_jax.nn import native
 from zeggs_jax.zeroeggs import examples
 from zeggs_jax.zeroeggs import generate as g
 
@@ -50,6 +51,22 @@ def test_generate_writes_motion_provenance_and_page(zeggs, folder, tmp_path):
     assert np.isfinite(clip.euler).all()
     assert json.loads(out.with_suffix(".provenance.json").read_text())["arguments"]["styles"] == ["old"]
     assert "http" not in page.read_text().replace("http-equiv", "").replace("http://www.w3.org", "")
+
+
+def test_weights_of_fewer_bytes_move_the_body_alike_and_say_where_they_bring_nothing(
+    zeggs, folder, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(native, "problem", lambda: "no compiler.")
+    made = {}
+    for precision in ("float32", "int8"):
+        out = tmp_path / f"{precision}.bvh"
+        status, _, complaint = zeggs("generate", folder / "speech.wav", "-o", out, "--precision", precision)
+        assert status == 0
+        assert complaint == ("" if precision == "float32" else "zeggs: note: no compiler.\n")
+        assert json.loads(out.with_suffix(".provenance.json").read_text())["precision"] == precision
+        made[precision] = features.world_positions(bvh.read(out))
+    far = np.linalg.norm(made["int8"] - made["float32"], axis=-1)
+    assert 0.0 < far.max() < 1.0  # cm
 
 
 def test_embed_then_generate_is_generate(zeggs, folder, tmp_path):

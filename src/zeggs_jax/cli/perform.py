@@ -3,7 +3,7 @@
 import shutil
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from tqdm import tqdm
 from tyro.conf import Positional, UseAppendAction, arg
@@ -81,6 +81,7 @@ def generate(
     html: Path | None = None,
     checkpoint: Path | None = None,
     csv: Path | None = None,
+    precision: Literal["float32", "bfloat16", "int8"] = "float32",
 ) -> None:
     """Make a gesturing body from a speech recording, in a style.
 
@@ -106,6 +107,8 @@ def generate(
         checkpoint: A model of your own, from 'zeggs train' or 'zeggs convert'.
         csv: Make many at once from a table with the columns audio, style, file_name, temperature, seed, frames ("A B"),
             first_pose, base_path, generate (all but audio may be left out).
+        precision: Of the decoder's weights: fewer bytes are read faster by a CPU, and move the body nearly the same.
+            The first time, a kernel is compiled; without a C++ compiler they are as slow as float32.
     """
     from ..zeroeggs import generate as g
     from ..zeroeggs import timeline as timelines
@@ -133,11 +136,11 @@ def generate(
         prepare_folder(folder)
     model = g.load_model(checkpoint) if checkpoint else g.bundled_model()
     if csv is not None:
-        _make_all(csv, request, model, out)
+        _make_all(csv, request, model, out, precision)
         return
     assert speech is not None
     title = " + ".join(map(stem, shown)) or ("neutral" if not pca else "the mean")
-    _make(speech, request, model, out, html, title, notes)
+    _make(speech, request, model, out, html, title, notes, precision)
 
 
 def _check_speech(speech: Path | None, csv: Path | None, html: Path | None) -> None:
@@ -147,27 +150,40 @@ def _check_speech(speech: Path | None, csv: Path | None, html: Path | None) -> N
         raise ValueError("--csv names the recordings itself; leave SPEECH and --html out.")
 
 
-def _make_all(csv: Path, request: Any, model: Any, out: Path) -> None:
+def _make_all(csv: Path, request: Any, model: Any, out: Path, precision: Any) -> None:
+    from ..nn import reduced
     from ..zeroeggs import batch
 
-    made = batch.generate_all(csv, out, request, model)
+    made = batch.generate_all(csv, out, request, model, precision)
+    _tell(reduced.notes(precision))
     print(f"wrote {len(made)} file{'s'[: len(made) != 1]} to {out}")
 
 
 def _make(
-    speech: Path, request: Any, model: Any, out: Path, html: Path | None, title: str, notes: tuple[str, ...]
+    speech: Path,
+    request: Any,
+    model: Any,
+    out: Path,
+    html: Path | None,
+    title: str,
+    notes: tuple[str, ...],
+    precision: Any,
 ) -> None:
     """One recording: motion, provenance, page, and what is worth knowing of the style."""
     from ..stage import player
     from ..zeroeggs import generate as g
 
-    gesture = g.generate(speech, request, model=model)
+    gesture = g.generate(speech, request, model=model, precision=precision)
     g.save(out, gesture)
     if html is not None:
         player.write(html, [player.Figure(title, gesture.clip, speech)])
-    for note in (*notes, *gesture.notes):
-        print(f"zeggs: note: {note}", file=sys.stderr)
+    _tell((*notes, *gesture.notes))
     print(f"wrote {out}: {gesture.clip.euler.shape[0]} frames")
+
+
+def _tell(notes: tuple[str, ...]) -> None:
+    for note in notes:
+        print(f"zeggs: note: {note}", file=sys.stderr)
 
 
 def view(clips: Positional[tuple[Path, ...]], /, *, out: Out = Path("view.html"), speech: Path | None = None) -> None:

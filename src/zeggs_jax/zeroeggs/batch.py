@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from tqdm import tqdm
 
+from ..nn.reduced import Precision
 from . import examples, steering
 from . import generate as g
 from .model import Model
@@ -116,7 +117,9 @@ def _slashes(text: str) -> str:
     return text.replace("\\", "/")
 
 
-def generate_all(table: Path, out: Path, defaults: g.Request, model: Model) -> list[Path]:
+def generate_all(
+    table: Path, out: Path, defaults: g.Request, model: Model, precision: Precision = "float32"
+) -> list[Path]:
     """Generates every row into `out`, with a progress bar; the whole table is read before the first.
 
     The networks run for up to 32 rows at once; a row's motion is the one that `generate` makes, to rounding.
@@ -133,33 +136,34 @@ def generate_all(table: Path, out: Path, defaults: g.Request, model: Model) -> l
         raise ValueError(f"table '{table.name}' writes '{twice}.bvh' twice; give each row its own file_name.")
     with tqdm(total=len(jobs), desc="generating", unit="clip") as bar:
         made = []
-        for path in _generate(jobs, out, model):
+        for path in _generate(jobs, out, model, precision):
             made.append(path)
             bar.update()
     return made
 
 
-def _generate(jobs: list[Job], out: Path, model: Model) -> Iterator[Path]:
+def _generate(jobs: list[Job], out: Path, model: Model, precision: Precision) -> Iterator[Path]:
     """The files of all rows, some of which run together; also of those before a row that is refused."""
     group: list[tuple[Job, g.Asked]] = []
     for job in jobs:
         try:
             group.append((job, g.prepare(job.speech, job.request, model)))
         except (ValueError, OSError) as error:
-            yield from _write(group, out, model)
+            yield from _write(group, out, model, precision)
             if isinstance(error, ValueError):
                 raise ValueError(f"{job.where}: {error}") from error
             raise
         if len(group) == WIDTHS[-1] or sum(len(asked.told.spectrum) for _, asked in group) > MOST_FRAMES:
-            yield from _write(group, out, model)
+            yield from _write(group, out, model, precision)
             group = []
-    yield from _write(group, out, model)
+    yield from _write(group, out, model, precision)
 
 
-def _write(group: list[tuple[Job, g.Asked]], out: Path, model: Model) -> Iterator[Path]:
-    for (job, asked), poses in zip(group, synthesize_many(model, [asked.told for _, asked in group]), strict=True):
+def _write(group: list[tuple[Job, g.Asked]], out: Path, model: Model, precision: Precision) -> Iterator[Path]:
+    made = synthesize_many(model, [asked.told for _, asked in group], precision)
+    for (job, asked), poses in zip(group, made, strict=True):
         try:
-            gesture = g.finish(asked, poses, model)
+            gesture = g.finish(asked, poses, model, precision)
         except ValueError as error:
             raise ValueError(f"{job.where}: {error}") from error
         for note in gesture.notes:

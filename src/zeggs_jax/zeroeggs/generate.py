@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from ..motion import bvh, features
 from ..motion.bvh import Clip
 from ..motion.pose import Pose
+from ..nn import reduced
 from ..nn.reduced import Precision
 from ..speech import features as speech_features
 from ..speech import wav
@@ -37,7 +38,7 @@ class Gesture(NamedTuple):
     clip: Clip
     style: Float[Array, "T Z"]  # the embedding of every frame
     provenance: dict[str, Any]  # version, model digest, seed, arguments, notes
-    notes: tuple[str, ...]  # what is worth knowing of the style: that it lies far outside the library
+    notes: tuple[str, ...]  # what is worth knowing: that the style lies far outside the library, for one
 
 
 class Asked(NamedTuple):
@@ -83,7 +84,8 @@ def generate(
     request = style if isinstance(style, Request) else Request(styles=(str(style),))
     model = bundled_model() if model is None else model
     asked = prepare(speech, request, model)
-    return finish(asked, synthesize(model, *asked.told, precision), model)
+    gesture = finish(asked, synthesize(model, *asked.told, precision), model, precision)
+    return gesture._replace(notes=(*gesture.notes, *reduced.notes(precision)))
 
 
 def prepare(speech: Speech, request: Request, model: Model) -> Asked:
@@ -98,15 +100,15 @@ def prepare(speech: Speech, request: Request, model: Model) -> Asked:
     return Asked(Told(spectrum, sequence, start), speech, request, notes)
 
 
-def finish(asked: Asked, poses: Pose, model: Model) -> Gesture:
+def finish(asked: Asked, poses: Pose, model: Model, precision: Precision = "float32") -> Gesture:
     """All that comes after it; a ValueError for motion that is not finite."""
     clip = features.decode(poses, model.skeleton, model.config.frame_time)
     if not (np.isfinite(clip.euler).all() and np.isfinite(clip.positions).all()):
         raise ValueError(
             "the model made motion that is not finite; check its checkpoint, the style and the temperature."
         )
-    told = {**provenance(asked.speech, asked.request, model), "notes": asked.notes}
-    return Gesture(clip, asked.told.style, told, asked.notes)
+    told = {**provenance(asked.speech, asked.request, model), "precision": precision, "notes": asked.notes}
+    return Gesture(clip, jnp.asarray(asked.told.style), told, asked.notes)
 
 
 def read_speech(speech: Speech, model: Model) -> Float[Array, "T F"]:
