@@ -1,12 +1,16 @@
-"""Seconds per training step at the paper's size, beside a plain PyTorch eager twin with the same weights and batch.
+"""Training at the paper's size beside a plain PyTorch eager twin: seconds per step, peak memory, compilation.
 
-    taskset -c 0 python experiments/bench_training.py --batch 8 --window 64 --example 256 --repeats 5
     taskset -c 0 python experiments/bench_training.py --batch 32 --window 256 --example 384 --repeats 3
+    python experiments/bench_training.py --batch 32 --window 256 --example 384 --repeats 3
+    taskset -c 0 python experiments/bench_training.py --batch 8 --window 64 --example 256
     python experiments/bench_training.py --sizes demo --batch 16 --window 75 --example 180
+    python experiments/bench_training.py --alone --batch 32 --window 256 --example 384
 
 Both sides do the whole update: encoders with dropout, decoder in closed loop, kinematics, 17 terms and the divergence,
 gradients, RAdam. They take turns within one process, and must first agree on the loss without dropout: that makes the
-other a twin. On a shared machine CPU seconds (of all threads) say more than seconds. PyTorch: extra `reference`.
+other a twin. On a shared machine CPU seconds (of all threads) say more than seconds. With --alone each side has new
+processes of its own for two steps: their peak memory, and compilation with an empty cache of compiled programs and with
+the one that the first process left. PyTorch: extra `reference`.
 """
 
 import argparse
@@ -14,6 +18,9 @@ import importlib
 import os
 import resource
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable
 from typing import Any
@@ -21,9 +28,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import torch
 
-import torch_twin as twins
 from zeggs_jax.data.scale import Scale, Scales
 from zeggs_jax.data.windows import Batch
 from zeggs_jax.motion.pose import Root, from_vector
@@ -81,6 +86,11 @@ def ours(config: TrainConfig, clips: Batch, scales: Scales, params: Any) -> tupl
 
 def theirs(config: TrainConfig, clips: Batch, scales: Scales, params: Any, device: str) -> tuple[Any, Any]:
     """A call of the PyTorch update, and one of its loss alone, without randomness."""
+    import torch  # here, so that what JAX needs can be measured without it
+
+    import torch_twin as twins
+
+    torch.set_num_threads(len(os.sched_getaffinity(0)))
     torch.set_default_device(device)
     own = {name: (torch.tensor(s.mean), torch.tensor(s.std)) for name, s in scales._asdict().items()}
     twin = twins.Twin(twins.flat(params), config.model, own, PARENTS)
@@ -136,24 +146,58 @@ def compare(calls: dict[str, Callable[[], float]], repeats: int) -> None:
     )
 
 
+def alone(side: str, config: TrainConfig, clips: Batch, scales: Scales, device: str) -> None:
+    """Two updates of one side; prints the peak of this process's memory."""
+    params = jax.tree.map(np.asarray, init(jax.random.key(0), config.model))
+    if side == "torch":
+        update = theirs(config, clips, scales, params, device)[0]
+    else:
+        update = ours(config, clips, scales, params)[0]
+    for _ in range(2):
+        update()
+    print(f"peak memory: {peak_mib():.0f} MiB")
+
+
+def each_alone(words: list[str]) -> None:
+    """Runs this script anew for each side, ours twice with one cache of compiled programs."""
+    with tempfile.TemporaryDirectory() as cache:
+        settings = {"JAX_COMPILATION_CACHE_DIR": cache, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+        for title, side in (("zeggs-jax, empty cache", "jax"), ("zeggs-jax, cached", "jax"), ("PyTorch", "torch")):
+            print(f"{title}:", flush=True)
+            subprocess.run([sys.executable, __file__, *words, "--side", side], env=os.environ | settings, check=True)
+
+
+def peak_mib() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", choices=("paper", "demo"), default="paper")
     for name, default in (("batch", 8), ("window", 64), ("example", 256), ("repeats", 5)):
         parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--device", default="cpu", help="where PyTorch runs; JAX takes its own default")
+    parser.add_argument("--alone", action="store_true", help="memory and compilation of each side by itself")
+    parser.add_argument("--side", choices=("jax", "torch"), help="what --alone gives its processes")
     args = parser.parse_args()
-    torch.set_num_threads(len(os.sched_getaffinity(0)))
+    if args.alone:
+        each_alone([word for word in sys.argv[1:] if word != "--alone"])
+        return
     config = importlib.import_module("02_synthetic").DEMO if args.sizes == "demo" else TrainConfig()
     clips, scales = make_batch(config, args.batch, args.window, args.example)
+    if args.side:
+        alone(args.side, config, clips, scales, args.device)
+        return
     params = jax.tree.map(np.asarray, init(jax.random.key(0), config.model))
-    other, alone = theirs(config, clips, scales, params, args.device)
-    check_twins(config, clips, scales, params, alone)
+    other, without_randomness = theirs(config, clips, scales, params, args.device)
+    check_twins(config, clips, scales, params, without_randomness)
     update, compiled = ours(config, clips, scales, params)
+    print(f"{len(os.sched_getaffinity(0))} core(s), load {os.getloadavg()[0]:.1f}, jax {jax.__version__}")
     compare({"PyTorch eager": other, "zeggs-jax": update}, args.repeats)
     temporary = compiled.memory_analysis().temp_size_in_bytes / 2**20
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
-    print(f"zeggs-jax holds {temporary:.0f} MiB of temporary arrays in a step; both together peaked at {peak:.0f} MiB")
+    print(
+        f"zeggs-jax holds {temporary:.0f} MiB of temporary arrays in a step; both together peak at {peak_mib():.0f} MiB"
+    )
 
 
 if __name__ == "__main__":

@@ -15,6 +15,8 @@ from jaxtyping import Float
 
 from zeggs_jax.motion.skeleton import Skeleton
 
+ROWS = 64  # frames that are written at a time
+
 
 class Clip(NamedTuple):
     """Motion of a body as BVH stores it, T frames of J joints."""
@@ -187,6 +189,10 @@ def _numbers(text: str) -> Float[np.ndarray, "n"] | None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
+            return np.loadtxt(text.splitlines(), comments=None).ravel()
+        except (ValueError, UserWarning):  # also where lines differ in length, which is slower to read
+            pass
+        try:
             return np.fromstring(text, sep=" ")
         except (ValueError, DeprecationWarning):
             return None
@@ -213,13 +219,18 @@ def _clip(skeleton: Skeleton, channels: tuple[list[str], ...], values: np.ndarra
     orders = tuple(order + "".join(x for x in usual if x not in order) for order in letters)
     euler = np.zeros((len(values), len(skeleton), 3))
     positions = np.tile(skeleton.offsets, (len(values), 1, 1))
+    turns: list[tuple[int, int, int]] = []  # column, joint, axis
+    places: list[tuple[int, int, int]] = []
     flat = [(joint, channel) for joint, listed in enumerate(channels) for channel in listed]
     for column, (joint, channel) in enumerate(flat):
         if channel.endswith("rotation"):
-            euler[:, joint, orders[joint].index(channel[0])] = np.radians(values[:, column])
+            turns.append((column, joint, orders[joint].index(channel[0])))
         elif channel.endswith("position"):
-            positions[:, joint, "xyz".index(channel[0])] = values[:, column]
-    return Clip(skeleton, orders, euler, positions, frame_time)
+            places.append((column, joint, "xyz".index(channel[0])))
+    for found, made in ((turns, euler), (places, positions)):
+        column, joint, axis = np.array(found, int).reshape(-1, 3).T
+        made[:, joint, axis] = values[:, column]
+    return Clip(skeleton, orders, np.radians(euler, out=euler), positions, frame_time)
 
 
 def format(clip: Clip, translations: bool = False) -> str:
@@ -247,10 +258,15 @@ def format(clip: Clip, translations: bool = False) -> str:
 
     joint_text(0, 0)
     block = np.concatenate(columns, axis=-1)
-    row = "%f " * block.shape[1]
-    lines.extend(["MOTION", f"Frames: {len(block)}", f"Frame Time: {_seconds(clip.frame_time)}"])
-    lines.extend(row % tuple(frame) for frame in block)
-    return "\n".join(lines) + "\n"
+    lines.extend(["MOTION", f"Frames: {len(block)}", f"Frame Time: {_seconds(clip.frame_time)}", ""])
+    return "\n".join(lines) + _rows(block)
+
+
+def _rows(block: Float[np.ndarray, "T C"]) -> str:
+    """The numbers, a line per frame; many frames at a time, as one conversion of many numbers is faster than many."""
+    row = "%f " * block.shape[1] + "\n"
+    parts = (block[start : start + ROWS] for start in range(0, len(block), ROWS))
+    return "".join(row * len(part) % tuple(part.ravel().tolist()) for part in parts)
 
 
 def _seconds(frame_time: float) -> str:
