@@ -48,7 +48,7 @@ TOUCH_DISK = {
     "diffuclip/clip.py", "diffuclip/minilm.py", "diffuclip/asr.py",
     "nn/compiled.py",  # into the user's cache folder, if there is one to write in
     "nn/native.py",  # compiles, into the user's cache folder
-    "zeroeggs/library_file.py", "zeroeggs/embedding.py", "zeroeggs/style_clip.py",
+    "zeroeggs/export.py", "zeroeggs/library_file.py", "zeroeggs/embedding.py", "zeroeggs/style_clip.py",
 }  # fmt: skip
 DISK_NAMES = {"open", "pathlib", "os", "shutil", "tempfile"}
 

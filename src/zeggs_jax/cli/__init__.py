@@ -9,7 +9,7 @@ from typing import Any
 
 import tyro
 
-from . import diffuse, judge, learn, perform, stream, style, timeline
+from . import diffuse, export, judge, learn, perform, stream, style, timeline
 
 COMMANDS = (
     perform.demo,
@@ -21,6 +21,7 @@ COMMANDS = (
     learn.prepare,
     learn.train,
     learn.convert,
+    export.export,
     perform.view,
     judge.evaluate,
 )

@@ -19,18 +19,18 @@ SILENT_S = 0.25  # without sound for so long, a live stream is told silence
 class Ear:
     """Samples that another thread puts and the stream takes; a full ear makes the thread wait."""
 
-    def __init__(self, rate_hz: float, room: int = 0):
+    def __init__(self, rate_hz: float | int, room: int = 0):
         self.rate_hz = rate_hz
         self._queue: queue.Queue = queue.Queue(room)
 
-    def put(self, samples: np.ndarray, rate_hz: float | None = None) -> None:
+    def put(self, samples: np.ndarray, rate_hz: float | int | None = None) -> None:
         self._queue.put((samples, rate_hz or self.rate_hz))
 
     def end(self, error: Exception | None = None) -> None:
         """No more will come; an error is raised where the samples are taken."""
         self._queue.put(error)
 
-    def take(self, wait_s: float) -> list[tuple[np.ndarray, float]] | None:
+    def take(self, wait_s: float | int) -> list[tuple[np.ndarray, float | int]] | None:
         """What has come since, each with its rate; nothing after `wait_s`; None when all has been taken."""
         found = []
         try:
