@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
@@ -15,6 +15,7 @@ from . import hearing, listeners, pages
 from .hearing import Ear, Form
 
 LATE_S = 0.5  # a live stream that is later than this leaves frames out
+Late = Literal["drop", "wait"]
 OFTEN_S = 1.0  # a note of one kind is not told more often
 
 
@@ -29,7 +30,7 @@ def stream(
     channels: int = 1,
     loudness: float | None = None,
     lookahead: int | None = None,
-    drop: bool | None = None,
+    late: Late | None = None,
     first_pose: Path | None = None,
     temperature: float = 1.0,
     seed: int = 1234,
@@ -49,7 +50,7 @@ def stream(
         channels: Channels of the PCM, interleaved.
         loudness: Of the whole speech in LUFS, where it is known; without it the loudness so far is levelled.
         lookahead: Frames of speech to wait for; fewer answer sooner and move later and softer.
-        drop: Leave frames out when late, or (--no-drop) let the source wait; sources that cannot wait always drop.
+        late: When late, 'drop' frames or let the source 'wait': a pipe waits, the others cannot and drop.
         first_pose: A .bvh whose first frame the body starts from.
         temperature: 0 gives the mean of the style, higher values vary more.
         seed: The same seed gives the same style.
@@ -57,7 +58,7 @@ def stream(
         checkpoint: A model of your own, from 'zeggs train' or 'zeggs convert'.
     """
     places = [listeners.address(where) for where in to if where != "-"]
-    _check(source, rate, channels, drop, any(scheme == "ws" for scheme, _, _ in places))
+    _check(source, rate, channels, late, any(scheme == "ws" for scheme, _, _ in places))
     from ..zeroeggs import generate as g
     from ..zeroeggs.broadcast import Broadcast
     from ..zeroeggs.stream import StreamSession
@@ -74,7 +75,7 @@ def stream(
             show.listeners.append(listeners.Lines())
         for scheme, host, port in places:
             show.listeners.append(_listener(scheme, host, port, show))
-        ear, kept, live = _source(source, rate, form, channels, drop, show)
+        ear, kept, live = _source(source, rate, form, channels, late == "drop", show)
         show.run(ear, live)
         del kept
     except BrokenPipeError:  # nobody reads standard output any more: `| head`
@@ -83,13 +84,13 @@ def stream(
         show.close()
 
 
-def _check(source: str, rate: int, channels: int, drop: bool | None, pages: bool) -> None:
+def _check(source: str, rate: int, channels: int, late: Late | None, pages: bool) -> None:
     if not 1000 <= rate <= 400_000 or not 1 <= channels <= 64:
         raise ValueError(f"--rate {rate} and --channels {channels} are no sound; give 1000 to 400000 Hz, 1 to 64.")
     if source == "socket" and not pages:
         raise ValueError("the source 'socket' is what a page says; also give --to ws://HOST:PORT.")
-    if drop is False and source != "-":
-        raise ValueError(f"the source '{source}' cannot wait; --no-drop is for samples that are piped in.")
+    if late == "wait" and source != "-":
+        raise ValueError(f"the source '{source}' cannot wait; --late wait is for samples that are piped in.")
 
 
 def _listener(scheme: str, host: str, port: int, show: "Show") -> listeners.Listener:
@@ -105,14 +106,12 @@ def _listener(scheme: str, host: str, port: int, show: "Show") -> listeners.List
     return served
 
 
-def _source(
-    source: str, rate: int, form: Form, channels: int, drop: bool | None, show: "Show"
-) -> tuple[Ear, Any, bool]:
+def _source(source: str, rate: int, form: Form, channels: int, drop: bool, show: "Show") -> tuple[Ear, Any, bool]:
     """The ear, what has to be kept for it to hear, and whether it is live: what comes late is left out."""
     if source == "-":
         ear = Ear(rate, room=0 if drop else 4)
         hearing.listen(ear, hearing.pcm(hearing.stdin(), form, channels))
-        return ear, None, bool(drop)
+        return ear, None, drop
     ear = Ear(rate)
     if source == "socket":
         for listener in show.listeners:
@@ -186,8 +185,8 @@ class Show:
 
         def read() -> None:
             try:
-                name, seconds = wish.get("style"), float(wish.get("transition", 1.0))
-                if not isinstance(name, str) or not 0.0 <= seconds < math.inf:
+                name, seconds = wish.get("style"), wish.get("transition", 1.0)
+                if not isinstance(name, str) or type(seconds) not in (int, float) or not 0.0 <= seconds < math.inf:
                     raise ValueError(f'{wish} is no style to turn to; ask for {{"style": NAME, "transition": S}}.')
                 point = self.session.embedding(self._request._replace(styles=(name,)))
                 self._events.put(lambda: self._turn(name, point, seconds))
