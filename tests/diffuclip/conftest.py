@@ -1,13 +1,19 @@
 """A small body that walks, turns and gestures, and a config of a few units for it."""
 
 import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+import soundfile
 
 from zeggs_jax.data.scale import Scale
-from zeggs_jax.diffuclip import model, representation, video_encoder, wording
+from zeggs_jax.diffuclip import body_parts, model, representation, video_encoder, wording
 from zeggs_jax.diffuclip.config import (
     CodesConfig,
     DenoiserConfig,
@@ -18,6 +24,7 @@ from zeggs_jax.diffuclip.config import (
     StageConfig,
 )
 from zeggs_jax.diffuclip.model import Model
+from zeggs_jax.motion import bvh
 from zeggs_jax.motion.bvh import Clip
 from zeggs_jax.motion.skeleton import Skeleton
 
@@ -75,11 +82,50 @@ def tiny() -> DiffuclipConfig:
     )
 
 
-def stirred(params, seed: int = 0):
-    """Parameters with noise on every one, so that nothing is silent that training would give a voice to."""
+def drawn(make: Callable[[Any], Any], body: Skeleton | None = None, parts: tuple[str, ...] = (), seed: int = 0) -> Any:
+    """Parameters of the shapes of `make(key)`, drawn by numpy: none is silent, and nothing is compiled for them."""
     rng = np.random.default_rng(seed)
-    noisy = lambda leaf: leaf + np.float32(0.2) * rng.normal(size=leaf.shape).astype(np.float32)  # noqa: E731
-    return jax.tree.map(lambda leaf: noisy(leaf) if leaf.dtype == np.float32 else leaf, params)
+
+    def leaf(path, shape):
+        if shape.dtype != np.float32:
+            return jnp.asarray(np.zeros(shape.shape, shape.dtype))
+        size = min(0.2, float(np.prod(shape.shape[1:])) ** -0.5)
+        noise = (size * rng.normal(size=shape.shape)).astype(np.float32)
+        return jnp.asarray(noise + np.float32(path[-1].key == "scale"))
+
+    made = jax.tree_util.tree_map_with_path(leaf, jax.eval_shape(make, jax.random.key(0)))
+    if "codes" in made:
+        assert body
+        columns = body_parts.columns(body, parts)
+        for part, own in zip(parts or (body_parts.WHOLE,), columns, strict=True):
+            made["codes"][part]["columns"] = jnp.asarray(own, jnp.int32)
+    return made
+
+
+@pytest.fixture(scope="session")
+def corpus(tmp_path_factory, body) -> Path:
+    """Four clips of 4 s, one of them valid, with speech, timed words and, of the first, captions."""
+    folder = tmp_path_factory.mktemp("corpus")
+    rng, lines = np.random.default_rng(0), ["name,style,split"]
+    for k in range(4):
+        name = f"clip{k}"
+        lines.append(f"{name},{('Old', 'Happy')[k % 2]},{'valid' if k == 3 else 'train'}")
+        bvh.write(folder / f"{name}.bvh", moving(body, 121, k))
+        voice = 0.1 * rng.normal(size=64000) * np.abs(np.sin(np.arange(64000) / 3000))
+        soundfile.write(folder / f"{name}.wav", voice, 16000)
+        told = [
+            {"text": f"word{i % 5}" + "." * (i % 4 == 3), "start": 0.4 * i + 0.1, "end": 0.4 * i + 0.4}
+            for i in range(9)
+        ]
+        captions = {"captions": ["bent and slow", "an old person"]} if k == 0 else {}
+        (folder / f"{name}.json").write_text(json.dumps({"words": told, **captions}))
+    (folder / "corpus.csv").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def draw() -> Callable[..., Any]:
+    return drawn
 
 
 @pytest.fixture(scope="session")
@@ -95,10 +141,9 @@ def tiny_model(body, tiny) -> Model:
         denoiser=DenoiserConfig(12, 1, 2, ahead=2, output="velocity"),
         diffusion=DiffusionConfig(steps=40, context=8, chunk=4, short_steps=0),
     )  # fmt: skip
-    key = jax.random.key(0)
-    params = stirred(model.init(key, config, body))
-    known = wording.known(["an old person", "happy"])
-    params["prompts"] = params["prompts"] | {"video": video_encoder.init(key, config), "known": known}
+    params = drawn(lambda key: model.init(key, config, body), body, config.parts)
+    video = drawn(lambda key: video_encoder.init(key, config), body, seed=1)
+    params["prompts"] |= {"video": video, "known": wording.known(["an old person", "happy"])}
     motion = np.concatenate([representation.encode(moving(body, 60, seed)) for seed in range(3)])
     channels = config.latent_size
     scale_z = Scale(np.zeros(channels, np.float32), np.full(channels, 0.3, np.float32))

@@ -24,12 +24,12 @@ WORDS = [("A", 0.1, 0.2), ("big", 0.3, 0.6), ("dog.", 0.6, 0.9), ("It", 1.1, 1.2
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory, tiny_model, clip):
+def folder(tmp_path_factory, tiny_model, clip, draw):
     """A model, a speech of 2 s with its words, prompts of each kind, and everything that can be wrong with them."""
     where = tmp_path_factory.mktemp("diffuclip")
     save_model(where / "model", tiny_model)
-    config = dataclasses.replace(tiny_model.config, parts=())
-    whole = tiny_model._replace(config=config, params=models.init(jax.random.key(0), config, tiny_model.skeleton))
+    config, body = dataclasses.replace(tiny_model.config, parts=()), tiny_model.skeleton
+    whole = tiny_model._replace(config=config, params=draw(lambda key: models.init(key, config, body), body))
     half = jax.tree.map(lambda leaf: leaf[: config.latent_size], whole.latent_scale)
     whole.params["prompts"]["known"] = tiny_model.params["prompts"]["known"]
     save_model(where / "whole", whole._replace(latent_scale=half))

@@ -18,10 +18,13 @@ TINY = PromptsConfig("words", 6, 8, 1, 2, frames=20, patch=4, image="small", pix
 CONFIG = dataclasses.replace(SMALL, joints=3, prompts=TINY)
 
 
+encode_motion = jax.jit(prompts.encode_motion, static_argnames="config")
+
+
 @pytest.fixture(scope="module")
-def params():
-    drawn = prompts.init(jax.random.key(0), CONFIG, SKELETON)
-    return drawn | {"known": wording.known(["an old person", "the person is happy"])}
+def params(draw):
+    made = draw(lambda key: prompts.init(key, CONFIG, SKELETON), SKELETON)
+    return made | {"known": wording.known(["an old person", "the person is happy"])}
 
 
 @pytest.fixture
@@ -36,23 +39,23 @@ def motion(frames, seed=0):
 @pytest.mark.parametrize("frames", [1, 4, 7, 20])
 def test_padding_does_not_count(params, frames):
     short = motion(frames)
-    alone = prompts.encode_motion(params, CONFIG, short, np.ones(frames, bool))
+    alone = encode_motion(params, CONFIG, short, np.ones(frames, bool))
     noise = np.concatenate([short, 9.0 * motion(23 - frames, 1)])
-    padded = prompts.encode_motion(params, CONFIG, noise, np.arange(23) < frames)
+    padded = encode_motion(params, CONFIG, noise, np.arange(23) < frames)
     np.testing.assert_allclose(alone, padded, atol=1e-5)
     np.testing.assert_allclose(np.linalg.norm(alone), 1.0, atol=1e-5)
 
 
 def test_every_frame_counts_and_so_does_their_order(params):
     moved, mask = motion(20), np.ones(20, bool)
-    found = prompts.encode_motion(params, CONFIG, moved, mask)
-    slope = jax.grad(lambda m: prompts.encode_motion(params, CONFIG, m, mask)[0])(jnp.asarray(moved))
+    found = encode_motion(params, CONFIG, moved, mask)
+    slope = jax.jit(jax.grad(lambda m: prompts.encode_motion(params, CONFIG, m, mask)[0]))(jnp.asarray(moved))
     assert np.all(np.abs(slope).max(axis=1) > 0)
-    assert np.abs(found - prompts.encode_motion(params, CONFIG, moved[::-1].copy(), mask)).max() > 1e-3
+    assert np.abs(found - encode_motion(params, CONFIG, moved[::-1].copy(), mask)).max() > 1e-3
 
 
 def test_a_motion_of_nothing_is_finite(params):
-    assert np.isfinite(prompts.encode_motion(params, CONFIG, np.zeros((8, 21), np.float32), np.zeros(8, bool))).all()
+    assert np.isfinite(encode_motion(params, CONFIG, np.zeros((20, 21), np.float32), np.zeros(20, bool))).all()
 
 
 def test_texts_are_unit_vectors_that_neither_company_nor_case_nor_points_change(params):

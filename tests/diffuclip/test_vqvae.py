@@ -14,15 +14,29 @@ from zeggs_jax.diffuclip.config import CodesConfig
 encode = jax.jit(vqvae.encode, static_argnames="config")
 decode = jax.jit(vqvae.decode, static_argnames="config")
 reconstruct = jax.jit(vqvae.reconstruct, static_argnames="config")
+quantise = jax.jit(vqvae.quantise, static_argnames="config")
 
 
 @pytest.fixture(scope="module")
-def params(tiny, body):
-    """Drawn networks, and books whose entries are latents of noise."""
-    made, rng = vqvae.init(jax.random.key(0), tiny, body), np.random.default_rng(0)
-    for part in made.values():
-        part["book"] |= {"vectors": jnp.asarray(0.3 * rng.normal(size=part["book"]["vectors"].shape), jnp.float32)}
-    return made
+def params(tiny, body, draw):
+    """Drawn networks, and books whose entries are vectors of noise."""
+    return codes_of(tiny, body, draw)
+
+
+def codes_of(config, body, draw):
+    return draw(lambda key: {"codes": vqvae.init(key, config, body)}, body, config.parts)["codes"]
+
+
+def test_networks_are_drawn_and_books_wait_for_their_first_batch(tiny, body):
+    few = dataclasses.replace(tiny, codes=dataclasses.replace(tiny.codes, halvings=1, depth=1))
+    made, other = (vqvae.init(jax.random.key(seed), few, body) for seed in (0, 1))
+    for part in few.parts:
+        assert not made[part]["book"]["counts"].any()
+        weights = [params[part]["encoder"]["out"]["weight"] for params in (made, made, other)]
+        np.testing.assert_array_equal(weights[0], weights[1])
+        assert np.abs(weights[0] - weights[2]).max() > 0.01
+        assert 0.8 < np.abs(weights[0]).max() * np.sqrt(3 * few.codes.width) <= 1.0  # U(-1, 1) / sqrt(fan in)
+    assert np.any(made["upper"]["encoder"]["out"]["bias"] != made["lower"]["encoder"]["out"]["bias"])
 
 
 def motion_of(config, frames=48, seed=0):
@@ -73,23 +87,22 @@ def test_parts_are_encoded_and_decoded_apart(params, tiny, body):
     assert np.abs(made - moved)[:, upper].max() > 0.01
 
 
-@pytest.mark.slow
-def test_one_part_is_the_whole_body(tiny, body):
+def test_one_part_is_the_whole_body(tiny, body, draw):
     whole = dataclasses.replace(tiny, parts=())
-    params = vqvae.init(jax.random.key(0), whole, body)
+    params = codes_of(whole, body, draw)
     motion = motion_of(whole)
     z = encode(params, whole, motion)
     assert z.shape == (12, 6)
-    quantised, codes = vqvae.quantise(params, whole, z)
+    quantised, codes = quantise(params, whole, z)
     assert codes.shape == (12, 2)
     assert decode(params, whole, quantised).shape == motion.shape
 
 
 def test_codes_of_the_parts_stand_side_by_side(params, tiny):
     z = encode(params, tiny, motion_of(tiny))
-    quantised, codes = vqvae.quantise(params, tiny, z)
+    quantised, codes = quantise(params, tiny, z)
     for k, part in enumerate(tiny.parts):
-        own = quantiser.quantise(vqvae.book(params[part]), z[:, 6 * k : 6 * k + 6])
+        own = jax.jit(quantiser.quantise)(vqvae.book(params[part]), z[:, 6 * k : 6 * k + 6])
         np.testing.assert_array_equal(codes[:, 2 * k : 2 * k + 2], own.codes)
         np.testing.assert_array_equal(quantised[:, 6 * k : 6 * k + 6], own.vectors)
 
@@ -112,8 +125,8 @@ def test_decoding_keeps_the_order_of_columns(params, tiny, body):
     for part, own in zip(tiny.parts, columns, strict=True):
         marked[part]["columns"] = params[part]["columns"]
         marked[part]["decoder"]["out"]["bias"] = jnp.asarray(own, jnp.float32)
-    made = decode(marked, tiny, jnp.zeros((3, tiny.latent_size)))
-    np.testing.assert_array_equal(made, np.tile(np.arange(tiny.motion_size), (12, 1)))
+    made = decode(marked, tiny, jnp.zeros((12, tiny.latent_size)))
+    np.testing.assert_array_equal(made, np.tile(np.arange(tiny.motion_size), (48, 1)))
 
 
 def test_a_body_of_other_joints_is_refused(tiny, body):
@@ -122,7 +135,7 @@ def test_a_body_of_other_joints_is_refused(tiny, body):
 
 
 def test_the_scale_of_latents_makes_them_unit(params, tiny):
-    z = encode(params, tiny, motion_of(tiny, 400)).at[:, 3].set(2.0)
+    z = encode(params, tiny, motion_of(tiny, 120)).at[:, 3].set(2.0)
     fitted = vqvae.latent_scale(z)
     scaled = np.asarray(scale.apply(fitted, z))
     np.testing.assert_allclose(scaled.mean(axis=0), 0.0, atol=1e-3)

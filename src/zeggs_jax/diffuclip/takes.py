@@ -139,7 +139,7 @@ def _captions(entry: Entry) -> list[str]:
 def _read(job: _Job) -> tuple[Take, Skeleton]:
     """A take from its file; ValueError for one that is damaged, naming what to delete."""
     try:
-        with np.load(job.path) as arrays:
+        with job.path.open("rb") as file, np.load(file) as arrays:
             notes = json.loads(arrays["notes"].tobytes())
             words = tuple(Word(*word) for word in notes["words"])
             take = Take(

@@ -160,5 +160,6 @@ def _check_stages(only: Sequence[str], initial: Model | None, config: DiffuclipC
         raise ValueError(f"stage '{missing}' is left out but no model is given to take its part from; train them all.")
     if initial is not None and initial.skeleton.names != skeleton.names:
         raise ValueError(
-            f"the initial model has {len(initial.skeleton)} joints, the corpus {len(skeleton)}; they must be the same."
+            f"the initial model has another skeleton ({len(initial.skeleton)} joints) than the corpus ({len(skeleton)} "
+            "joints); give a model that was trained on this body."
         )

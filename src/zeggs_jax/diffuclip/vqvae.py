@@ -99,11 +99,12 @@ def init(key: Array, config: DiffuclipConfig, skeleton: Skeleton) -> Params:
     columns = body_parts.columns(skeleton, config.parts)
     for part, own, drawn in zip(body_parts.names(config), columns, jax.random.split(key, len(columns)), strict=True):
         encoder_key, decoder_key = jax.random.split(drawn)
-        frames, latents = jnp.zeros((codes.rate, len(own))), jnp.zeros((1, codes.latent))
+        frames = jax.ShapeDtypeStruct((codes.rate, len(own)), jnp.float32)
+        latents = jax.ShapeDtypeStruct((1, codes.latent), jnp.float32)
         made[part] = {
             "columns": jnp.asarray(own, jnp.int32),
-            "encoder": jax.jit(Encoder(codes).init)(encoder_key, frames)["params"],
-            "decoder": jax.jit(Decoder(codes, len(own)).init)(decoder_key, latents)["params"],
+            "encoder": Encoder(codes).lazy_init(encoder_key, frames)["params"],
+            "decoder": Decoder(codes, len(own)).lazy_init(decoder_key, latents)["params"],
             "book": quantiser.init(codes.quantisers, codes.codes, codes.latent)._asdict(),
         }
     return made

@@ -14,8 +14,6 @@ from zeggs_jax.diffuclip.stages.stage import Encoded, Material, Take
 from zeggs_jax.motion.skeleton import Skeleton
 from zeggs_jax.speech.transcript import Word
 
-pytestmark = pytest.mark.slow  # networks compile for a minute
-
 CONFIG = DiffuclipConfig(
     frame_time=1 / 30,
     codes=CodesConfig(latent=6, codes=8, halvings=2),
@@ -78,6 +76,7 @@ def test_a_sixth_is_covered_in_stretches():
     assert gestures.covered(draw, 1, 0.15).tolist() == [True]
 
 
+@pytest.mark.slow
 def test_covered_codes_are_told_from_their_neighbours(material):
     stage = gestures.stage(CONFIG, material, {"joint": {"text": "kept"}})
     before = stage.validate(stage.begin(jax.random.key(0)))
@@ -94,13 +93,15 @@ def test_covered_codes_are_told_from_their_neighbours(material):
 def test_only_covered_latents_cost(material):
     clips = gestures.batch(CONFIG, material, 0, "train")
     params, keys = gestures.init(jax.random.key(0), CONFIG), jax.random.split(jax.random.key(0), 8)
-    loss, _ = gestures.loss_fn(CONFIG, params, clips, keys, None)
+    cost = jax.jit(lambda clips: gestures.loss_fn(CONFIG, params, clips, keys, None)[0])
+    loss = cost(clips)
     elsewhere = np.where(clips.hidden[..., None], clips.codes, (clips.codes + 1) % 8)
     there = np.where(clips.hidden[..., None], (clips.codes + 1) % 8, clips.codes)
-    assert gestures.loss_fn(CONFIG, params, clips._replace(codes=elsewhere), keys, None)[0] == loss
-    assert gestures.loss_fn(CONFIG, params, clips._replace(codes=there), keys, None)[0] != loss
+    assert cost(clips._replace(codes=elsewhere)) == loss
+    assert cost(clips._replace(codes=there)) != loss
 
 
+@pytest.mark.slow
 def test_sentences_find_their_gestures(contrast):
     stage = contrast
     before = stage.validate(stage.begin(jax.random.key(0)))
@@ -118,6 +119,7 @@ def test_the_pretrained_gesture_encoder_is_where_it_begins(material):
     assert set(state.params) == {"text", "gesture"}
 
 
+@pytest.mark.slow
 def test_teachers_follow_by_the_momentum(contrast):
     stage = contrast
     state = stage.begin(jax.random.key(0))
@@ -127,6 +129,7 @@ def test_teachers_follow_by_the_momentum(contrast):
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), state.average, wanted)
 
 
+@pytest.mark.slow
 def test_distillation_begins_with_the_first_epoch(contrast):
     """At update 0 the loss is Eq. 4-5 alone; later it keeps 60 % of that."""
     stage = contrast
@@ -170,13 +173,14 @@ def test_a_t5_needs_its_folder(material):
         joint.stage(t5, material, {}).begin(jax.random.key(0))
 
 
+@pytest.mark.slow
 def test_some_words_and_latents_are_left_out_in_training_alone(material, contrast):
     params = contrast.begin(jax.random.key(0)).params
     pairs = contrast.batch(0)
-    plain, again = joint.embed(params, CONFIG, pairs), joint.embed(params, CONFIG, pairs)
+    plain, again = joint._embed(params, CONFIG, pairs), joint._embed(params, CONFIG, pairs)
     jax.tree.map(np.testing.assert_array_equal, plain, again)
     keys = jax.random.split(jax.random.key(0), (8, 2))
-    for whole, cut in zip(plain, joint.embed(params, CONFIG, pairs, keys), strict=True):  # CONFIG has no dropout
+    for whole, cut in zip(plain, joint._embed(params, CONFIG, pairs, keys), strict=True):  # CONFIG has no dropout
         apart = np.abs(whole - cut).max(axis=1) > 1e-4
         assert apart.any()
         assert np.isfinite(cut).all()
