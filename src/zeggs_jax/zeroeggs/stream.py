@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 from ..motion import bvh
 from ..motion import pose as poses
 from ..motion.pose import Pose, Root
+from ..nn.reduced import Precision
 from ..speech import live
 from . import steering, synthesis
 from . import timeline as timelines
@@ -58,6 +59,7 @@ class StreamSession:
         lookahead: int | None = None,
         loudness: float | int | None = None,
         rate_hz: float | int | None = None,
+        precision: Precision = "float32",
     ):
         """Makes all ready, so that the first push is as fast as the next ones.
 
@@ -68,6 +70,7 @@ class StreamSession:
             lookahead: frames of speech that the encoder sees ahead, at most (kernel - 1) / 2, which is the default.
             loudness: of the whole speech in LUFS, where it is known; None levels the loudness so far.
             rate_hz: of the samples; None: the model's own, 16 kHz.
+            precision: of the decoder's weights, as for `generate`.
 
         Raises:
             ValueError, OSError: as `generate` for styles and first poses; a look-ahead, loudness or rate out of range.
@@ -94,7 +97,7 @@ class StreamSession:
         start = steering.starting_pose(request, chosen, model)
         self.first = jax.tree.map(lambda a: np.asarray(a[0], np.float32), start.pose)
         self._target = np.asarray(start.gaze, np.float32)
-        self._run, self._state = synthesis.ready(model), None
+        self._run, self._state = synthesis.ready(model, precision), None
         self._warm()
 
     @property
