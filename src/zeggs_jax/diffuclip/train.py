@@ -15,6 +15,7 @@ from typing import Any
 import jax
 
 from ..motion.skeleton import Skeleton
+from ..nn import compiled
 from ..training import checkpoint, keep, loop
 from ..training.plain import from_dict, to_dict
 from ..training.step import TrainState
@@ -65,6 +66,7 @@ def train(
         OSError: a file cannot be read or written.
         KeyboardInterrupt: after Ctrl-C, with all work saved.
     """
+    compiled.keep()
     out = Path(out)
     read, skeleton, body = takes.gather(corpus, out, config)
     config = dataclasses.replace(config, joints=len(skeleton), body=body)
