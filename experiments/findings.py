@@ -226,7 +226,7 @@ def _draw_sra(axes: Any, letter: str, of: Found) -> None:
 def _draw_paired(axes: Any, letter: str, of: Found) -> None:
     rows = {_short(name): row["right"] for name, row in of["conditions"].items()}
     _bars(axes, rows)
-    axes.set(title=f"({letter}) right gesture in 0.5 s", xlim=(0, 1.02), xlabel="share of words")
+    axes.set(title=f"({letter}) right gesture", xlim=(0, 1.02), xlabel="share, within 0.5 s")
 
 
 def _bars(axes: Any, rows: dict[str, Found]) -> None:
@@ -242,7 +242,7 @@ def _short(name: str) -> str:
     if name == recognised.BRIDGE:
         return "ZeroEGGS, text"
     known = {paired.SILENT: "no transcript", paired.TEXT: "text prompt", paired.MOTION: "motion prompt"}
-    return known.get(name, name.replace("text, ", "").replace("held-out ", "new ").replace(", motion prompt", ""))
+    return known.get(name, name.replace("text, ", "").replace("held-out ", "new ").replace("paraphrase, not", "one, not").replace(", motion prompt", ""))
 
 
 def _draw_guidance(axes: Any, letter: str, of: Found) -> None:
