@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from zeggs_jax.nn import attention
 from zeggs_jax.nn.attention import SelfAttention, TransformerBlock, positions
 
 KEY = jax.random.key(0)
@@ -62,3 +63,29 @@ def test_dropout_only_when_asked(block):
     one, two = (layer.apply(params, x, ALL, False, rngs={"dropout": jax.random.key(k)}) for k in (1, 2))
     np.testing.assert_array_equal(layer.apply(params, x, ALL), plain)
     assert np.abs(one - two).max() > 1e-3
+
+
+@pytest.mark.parametrize("frames", [11, 12])
+def test_in_blocks_it_is_the_plain_attention(block, monkeypatch, frames):
+    """Whatever the number of frames is to the block's, with padding in them and gradients through them."""
+    layer, params, x = block
+    x = jnp.concatenate([x, x[::-1]])[:frames]
+    mask = jnp.arange(frames) < frames - 3
+    of = jax.value_and_grad(lambda p: (layer.apply(p, x, mask) ** 2)[: frames - 3].sum())
+    plain, slopes = of(params)
+    monkeypatch.setattr(attention, "QUERIES", 4)
+    again, slopes_again = of(params)
+    np.testing.assert_allclose(again, plain, rtol=1e-5)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-4), slopes_again, slopes)
+
+
+def test_a_long_clip_takes_memory_by_its_length():
+    layer = SelfAttention(heads=4, dropout=0.1)
+    params = jax.eval_shape(layer.init, KEY, jnp.zeros((2, 8)), jnp.ones(2, bool))
+
+    def memory(frames):
+        x, mask = jax.ShapeDtypeStruct((frames, 8), jnp.float32), jax.ShapeDtypeStruct((frames,), bool)
+        return jax.jit(layer.apply).lower(params, x, mask).compile().memory_analysis().temp_size_in_bytes
+
+    assert memory(8192) < 2.5 * memory(4096)
+    assert memory(4096) < 4 * 4 * 4096 * 4096 / 2  # half the bytes of all heads' weights

@@ -5,6 +5,7 @@ Frames of padding (mask False) are neither attended to nor seen by a convolution
 """
 
 import math
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,8 @@ from jaxtyping import Array, Bool, Float, Float32
 
 from .compute import Matmul, operand, precision
 from .layers import Conv, Dense, LayerNorm
+
+QUERIES = 512  # frames whose attention is formed at a time
 
 
 def positions(frames: int, width: int) -> Float32[np.ndarray, "T E"]:
@@ -33,6 +36,19 @@ def masked(x: Float[Array, "T C"], mask: Bool[Array, " T"]) -> Float[Array, "T C
     return jnp.where(mask[:, None], x, 0.0)
 
 
+def in_blocks(mix: Callable[[Array], Array], queries: Float[Array, "T h d"]) -> Float[Array, "T h d"]:
+    """`mix`, which makes of every query one row, of at most QUERIES at a time: memory grows with the clip's length.
+
+    All frames' weights at once would take memory by its square: 1 GB for 8000 frames and four heads.
+    """
+    frames = queries.shape[0]
+    if frames <= QUERIES:
+        return mix(queries)
+    filled = jnp.pad(queries, ((0, -frames % QUERIES), (0, 0), (0, 0)))
+    blocks = filled.reshape(-1, QUERIES, *queries.shape[1:])
+    return jax.lax.map(jax.checkpoint(mix), blocks).reshape(filled.shape)[:frames]
+
+
 class SelfAttention(nn.Module):
     """Multi-head self-attention; one projection (3E, E) makes queries, keys and values, in this order."""
 
@@ -48,11 +64,16 @@ class SelfAttention(nn.Module):
         stacked = Dense(3 * width, gain=1.0, zero_bias=True, matmul=self.matmul, name="project_in")(x)
         query, key, value = (a.reshape(frames, self.heads, -1) for a in jnp.split(stacked, 3, axis=-1))
         query, key, value = (operand(a, self.matmul) for a in (query / math.sqrt(width // self.heads), key, value))
-        scores = jnp.einsum("qhd,khd->hqk", query, key, precision=precision(self.matmul))
-        weights = jax.nn.softmax(jnp.where(mask[None, None, :], scores, -jnp.inf), axis=-1)
-        weights = nn.Dropout(self.dropout)(weights, deterministic=deterministic)
-        weights = operand(weights, self.matmul)
-        mixed = jnp.einsum("hqk,khd->qhd", weights, value, precision=precision(self.matmul)).reshape(frames, width)
+        whole = not deterministic and self.dropout > 0  # dropout draws for all queries at once
+        drop = nn.Dropout(self.dropout, deterministic=False)
+
+        def mix(query: Float[Array, "Q h d"]) -> Float[Array, "Q h d"]:
+            scores = jnp.einsum("qhd,khd->hqk", query, key, precision=precision(self.matmul))
+            weights = jax.nn.softmax(jnp.where(mask[None, None, :], scores, -jnp.inf), axis=-1)
+            weights = operand(drop(weights) if whole else weights, self.matmul)
+            return jnp.einsum("hqk,khd->qhd", weights, value, precision=precision(self.matmul))
+
+        mixed = (mix(query) if whole else in_blocks(mix, query)).reshape(frames, width)
         return Dense(width, zero_bias=True, matmul=self.matmul, name="project_out")(mixed)
 
 
