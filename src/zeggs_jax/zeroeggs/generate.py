@@ -8,7 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -123,7 +123,7 @@ def read_speech(speech: Speech, model: Model) -> Float[Array, "T F"]:
     spectrum = speech_features.extract(wave, rate_hz=rate_hz, config=model.config.features)
     if not len(spectrum):
         raise ValueError(f"speech '{_named(speech)}' is shorter than one frame of motion; give a longer recording.")
-    return jnp.asarray(spectrum)
+    return jax.device_put(spectrum)  # `jnp.asarray` would compile every length
 
 
 def provenance(speech: Speech, request: Request, model: Model) -> dict[str, Any]:

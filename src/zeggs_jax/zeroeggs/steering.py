@@ -163,10 +163,16 @@ def _lay_out(
         shares = style_space.check_shares(request.spans, len(embeddings), "spans")
         if min(shares) < 0.0:
             raise ValueError(f"the spans {shares} are shares of the time; give numbers from 0 to 1.")
-        return _moved(request, style_space.stitch(embeddings, shares, frames), space)
+        return _moved(request, _stitched(embeddings, shares, frames), space)
     weights = request.weights or (1.0 / len(embeddings),) * len(embeddings)
     weights = style_space.check_shares(weights, len(embeddings), "weights")
-    return style_space.hold(_moved(request, style_space.blend(embeddings, weights)[None], space)[0], frames)
+    return _stitched(_moved(request, style_space.blend(embeddings, weights)[None], space), (1.0,), frames)
+
+
+def _stitched(embeddings: Float[Array, "K Z"], shares: Sequence[float], frames: int) -> Float[Array, "T Z"]:
+    """`style_space.stitch`, in numpy and without `jnp.asarray`, which compile no length."""
+    spans = np.diff([0, *np.minimum(style_space.boundaries(shares, frames), frames)])
+    return jax.device_put(np.repeat(np.asarray(embeddings), spans, axis=0))
 
 
 def _exaggerated(request: Request, embeddings: Float[Array, "K Z"], space: Space) -> Float[Array, "K Z"]:
