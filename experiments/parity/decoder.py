@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from zeggs_jax.data.scale import Scales
 from zeggs_jax.motion.pose import Pose, Root
 from zeggs_jax.zeroeggs import decoder as d
+from zeggs_jax.zeroeggs import folded
 from zeggs_jax.zeroeggs.config import ZeroEggsConfig
 from zeggs_jax.zeroeggs.torch_weights import read_scales
 
@@ -48,6 +50,9 @@ def check(golden: Path, reference: Path | None) -> Iterator[Row]:
         if long and "speech" not in arrays:
             arrays["speech"] = _long_speech(long, spec["speech_encoding_size"])
         yield from rows(STAGE, case, file, arrays, _whole(arrays, state, config, scales))
+        if folded.fits(config.decoder):
+            for row in rows(STAGE, case, file, arrays, _folded(arrays, state, config, scales), part=True):
+                yield row._replace(name=f"{row.name}, folded")
 
 
 def _weights_of(name: str, long: dict[str, Any] | None) -> str:
@@ -116,6 +121,22 @@ def _whole(arrays: Arrays, state: Arrays, config: ZeroEggsConfig, scales: Scales
         }
         kept = arrays.get("frames", slice(None))
         return ours | {f"out_{name}": value[:, kept] for name, value in _released(poses).items()}
+
+    return run
+
+
+def _folded(arrays: Arrays, state: Arrays, config: ZeroEggsConfig, scales: Scales):
+    """The rollout in the decoder's fast form."""
+
+    def run(dtype: Any) -> dict[str, Any]:
+        params = parameters(STAGE, state, config, dtype)
+        own = jax.tree.map(lambda a: jnp.asarray(a, dtype), scales)
+        form = folded.fold(params, config.decoder, own, config.frame_time)
+        poses = jax.vmap(partial(folded.rollout, params, form, config.decoder, own))(
+            _first(arrays, dtype), _frames(arrays, dtype)
+        )
+        kept = arrays.get("frames", slice(None))
+        return {f"out_{name}": value[:, kept] for name, value in _released(poses).items()}
 
     return run
 
