@@ -1,6 +1,6 @@
 """Build the corpus where meaning is known: words with gestures of their own, captions, legs of other styles.
 
-    python experiments/13_meaning_corpus.py -o CORPUS --clips 240
+    python experiments/13_meaning_corpus.py -o CORPUS --clips 440
 
 GestureDiffuCLIP's joint space of gestures and words (Sec. 5) and its prompts (Sec. 6) are learnt and judged on it. The
 same command goes on after a stop. About 0.6 s a clip second on one core. Clips of a held-out style lie in
@@ -34,7 +34,7 @@ def main() -> None:
     """Plan the takes, write them in parallel, write the index."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--out", type=Path, required=True)
-    parser.add_argument("--clips", type=int, default=240)
+    parser.add_argument("--clips", type=int, default=440)
     parser.add_argument("--minutes", type=float, help="length of the corpus, instead of --clips")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=2)
