@@ -26,15 +26,6 @@ def variant(**changes):
     return replace(TINY, denoiser=replace(TINY.denoiser, **changes))
 
 
-@partial(jax.jit, static_argnames="config")
-def drawn(config=TINY):
-    """Parameters in which nothing is zero."""
-    params = denoiser.init(jax.random.key(0), config)
-    leaves, tree = jax.tree.flatten(params)
-    keys = jax.random.split(jax.random.key(1), len(leaves))
-    return tree.unflatten([x + 0.1 * jax.random.normal(k, x.shape) for x, k in zip(leaves, keys, strict=True)])
-
-
 def told(words=3, prompted=True):
     draw = np.random.default_rng(5)
     return denoiser.Conditions(
@@ -57,8 +48,8 @@ def normal(seed, *shape):
 
 
 @pytest.fixture(scope="module")
-def params():
-    return drawn()
+def params(draw):
+    return draw(partial(denoiser.init, config=TINY))
 
 
 @partial(jax.jit, static_argnames="config")
@@ -123,9 +114,9 @@ def test_without_a_prompt_gamma_is_one_and_beta_zero(params):
     assert np.abs(free - run(params, latents(), told())).max() > 1e-3
 
 
-def test_concatenated_style_changes_the_output_only_with_a_prompt():
-    config = variant(style="concatenated")
-    params, other = drawn(config), jnp.ones(7)
+def test_concatenated_style_changes_the_output_only_with_a_prompt(draw):
+    config, other = variant(style="concatenated"), jnp.ones(7)
+    params = draw(partial(denoiser.init, config=config))
     with_it, without = (
         [run(params, latents(), told(prompted=p)._replace(style=style), config=config) for style in (other, -other)]
         for p in (True, False)

@@ -38,7 +38,10 @@ def normal(seed, *shape):
     return jnp.array(np.random.default_rng(seed).normal(size=shape), jnp.float32)
 
 
-PARAMS = jax.tree.map(lambda x: x + 0.2 * normal(1, *x.shape), denoiser.init(KEY, CONFIG))
+PARAMS = jax.tree_util.tree_map_with_path(
+    lambda path, leaf: 0.3 * normal(1, *leaf.shape) + (path[-1].key == "scale"),
+    jax.eval_shape(partial(denoiser.init, config=CONFIG), KEY),
+)
 TOLD = denoiser.nothing(CONFIG, P + K)._replace(
     rhythm=normal(2, P + K + AHEAD, 2), words=normal(3, 3, 6), saliency=jnp.ones(3), word_mask=jnp.ones(3, bool)
 )

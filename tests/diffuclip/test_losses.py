@@ -12,8 +12,7 @@ from zeggs_jax.diffuclip.config import SMALL, DiffuclipConfig
 from zeggs_jax.diffuclip.stages.denoiser import levels
 
 L, C = 12, 5
-KEYS = jax.random.split(jax.random.key(3), 4)
-CLEAN, DRAWN, OTHER = (jax.random.normal(key, (L, C)) for key in KEYS[:3])
+CLEAN, DRAWN, OTHER = jnp.asarray(np.random.default_rng(3).normal(size=(3, L, C)), jnp.float32)
 
 
 def with_short(steps):
