@@ -1,12 +1,14 @@
 """Where a stream's speech comes from: raw PCM from a pipe, a microphone, a page's socket, or a recording."""
 
+import io
 import queue
 import sys
 import threading
 import time
+import typing
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -62,7 +64,7 @@ def listen(ear: Ear, samples: Iterator[np.ndarray]) -> None:
     threading.Thread(target=run, daemon=True).start()
 
 
-def pcm(pipe: BinaryIO, form: Form, channels: int) -> Iterator[np.ndarray]:
+def pcm(pipe: io.BufferedIOBase, form: Form, channels: int) -> Iterator[np.ndarray]:
     """Little-endian samples of a pipe as they come, channels averaged; ValueError for one that ends within a sample."""
     dtype = {"s16": np.dtype("<i2"), "f32": np.dtype("<f4")}[form]
     width, rest = dtype.itemsize * channels, b""
@@ -135,8 +137,8 @@ def microphone(ear: Ear, device: str, note: Callable[[str], None]) -> Any:
     return stream
 
 
-def stdin() -> BinaryIO:
+def stdin() -> io.BufferedIOBase:
     """Standard input as bytes; a ValueError where somebody would have to type them."""
     if sys.stdin is None or sys.stdin.isatty():
         raise ValueError("no samples are piped in; pipe raw PCM, or give 'microphone', 'socket' or a recording.")
-    return sys.stdin.buffer
+    return typing.cast(io.BufferedIOBase, sys.stdin.buffer)
