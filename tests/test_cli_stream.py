@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from zeggs_jax.cli import hearing, listeners, pages
 from zeggs_jax.cli.hearing import Ear
-from zeggs_jax.cli.stream import Show
+from zeggs_jax.cli.show import Show
 from zeggs_jax.motion import features
 from zeggs_jax.speech import wav
 from zeggs_jax.zeroeggs import generate as g
@@ -227,6 +227,7 @@ def test_a_source_that_waits_loses_nothing(show):
 
 def test_silence_goes_on_where_nothing_comes_and_a_style_can_be_asked_for(show, monkeypatch):
     monkeypatch.setattr(hearing, "SILENT_S", 0.05)
+    events = []
     for wish in (
         {"style": "hapy"},
         {"style": 3},
