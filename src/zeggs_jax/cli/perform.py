@@ -136,8 +136,7 @@ def generate(
         prepare_folder(folder)
     model = g.load_model(checkpoint) if checkpoint else g.bundled_model()
     if csv is not None:
-        _make_all(csv, request, model, out, precision)
-        return
+        return _make_all(csv, request, model, out, notes, precision)
     assert speech is not None
     title = " + ".join(map(stem, shown)) or ("neutral" if not pca else "the mean")
     _make(speech, request, model, out, html, title, notes, precision)
@@ -150,12 +149,12 @@ def _check_speech(speech: Path | None, csv: Path | None, html: Path | None) -> N
         raise ValueError("--csv names the recordings itself; leave SPEECH and --html out.")
 
 
-def _make_all(csv: Path, request: Any, model: Any, out: Path, precision: Any) -> None:
+def _make_all(csv: Path, request: Any, model: Any, out: Path, notes: tuple[str, ...], precision: Any) -> None:
     from ..nn import reduced
     from ..zeroeggs import batch
 
     made = batch.generate_all(csv, out, request, model, precision)
-    _tell(reduced.notes(precision))
+    _tell((*notes, *reduced.notes(precision)))
     print(f"wrote {len(made)} file{'s'[: len(made) != 1]} to {out}")
 
 

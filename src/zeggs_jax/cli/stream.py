@@ -1,22 +1,16 @@
 """`zeggs stream`: speech that is going on in, frames out as they are made."""
 
-import math
 import os
-import queue
 import sys
-import threading
-import time
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from . import hearing, listeners, pages
-from .hearing import Ear, Form
+from . import listeners
 
-LATE_S = 0.5  # a live stream that is later than this leaves frames out
+Form = Literal["s16", "f32"]
 Late = Literal["drop", "wait"]
-OFTEN_S = 1.0  # a note of one kind is not told more often
 
 
 def stream(
@@ -64,6 +58,7 @@ def stream(
     from ..zeroeggs import generate as g
     from ..zeroeggs.broadcast import Broadcast
     from ..zeroeggs.stream import StreamSession
+    from . import show as shows
 
     model = g.load_model(checkpoint) if checkpoint else g.bundled_model()
     asked = g.Request(seed=seed, temperature=temperature, library=None if library is None else str(library))
@@ -77,13 +72,13 @@ def stream(
         rate_hz=rate,
         precision=precision,
     )
-    show = Show(session, Broadcast(session), asked, style)
+    show = shows.Show(session, Broadcast(session), asked, style)
     try:
         if "-" in to or not to:
             show.listeners.append(listeners.Lines())
         for scheme, host, port in places:
-            show.listeners.append(_listener(scheme, host, port, show))
-        ear, kept, live = _source(source, rate, form, channels, late == "drop", show)
+            show.listeners.append(shows.listener(scheme, host, port, show))
+        ear, kept, live = shows.source(source, rate, form, channels, late == "drop", show)
         show.run(ear, live)
         del kept
     except BrokenPipeError:  # nobody reads standard output any more: `| head`
@@ -99,116 +94,3 @@ def _check(source: str, rate: int, channels: int, late: Late | None, pages: bool
         raise ValueError("the source 'socket' is what a page says; also give --to ws://HOST:PORT.")
     if late == "wait" and source != "-":
         raise ValueError(f"the source '{source}' cannot wait; --late wait is for samples that are piped in.")
-
-
-def _listener(scheme: str, host: str, port: int, show: "Show") -> listeners.Listener:
-    if scheme != "ws":
-        return listeners.Datagrams(host, port, show.note, listeners.osc() if scheme == "osc" else None)
-    from ..stage import live
-
-    def page() -> str:
-        return live.page(show.cast.clip, show.names, show.style)
-
-    served = pages.Pages(host, port, page, show.note, show.ask)
-    print(f"zeggs: note: open http://{host}:{served.port}/ to watch.", file=sys.stderr, flush=True)
-    return served
-
-
-def _source(source: str, rate: int, form: Form, channels: int, drop: bool, show: "Show") -> tuple[Ear, Any, bool]:
-    """The ear, what has to be kept for it to hear, and whether it is live: what comes late is left out."""
-    if source == "-":
-        ear = Ear(rate, room=0 if drop else 4)
-        hearing.listen(ear, hearing.pcm(hearing.stdin(), form, channels))
-        return ear, None, drop
-    ear = Ear(rate)
-    if source == "socket":
-        for listener in show.listeners:
-            if isinstance(listener, pages.Pages):
-                listener.heard = ear.put
-        return ear, None, True
-    if source.partition(":")[0] == "microphone":
-        return ear, hearing.microphone(ear, source.partition(":")[2], show.note), True
-    hearing.listen(ear, hearing.played(Path(source), rate))
-    return ear, None, True
-
-
-class Show:
-    """A session, who is told of it, and what is asked of it by others while it runs."""
-
-    def __init__(self, session: Any, cast: Any, request: Any, style: str):
-        from ..zeroeggs import examples
-
-        self.session, self.cast, self.style = session, cast, style
-        self.names = session.model.config.labels or tuple(examples.bundled())
-        self.listeners: list[listeners.Listener] = []
-        self._request, self._told = request, {}
-        self._events: queue.SimpleQueue = queue.SimpleQueue()  # functions that the stream's own thread calls
-
-    def run(self, ear: Ear, live: bool) -> None:
-        """Tells frames until the source ends."""
-        self.tell(self.cast.body())
-        self.tell({"style": self.style})
-        most = max(math.ceil(LATE_S * self.session.rate), 1) if live else None
-        last, clipped = time.monotonic(), False
-        while (heard := ear.take(0.02)) is not None:
-            while not self._events.empty():
-                self._events.get()()
-            now = time.monotonic()
-            if heard:
-                last = now
-            elif live and now - last > hearing.SILENT_S:  # nothing comes: silence, so that the body goes on
-                self._perform(self.session.gap(now - last, most))
-                last = now
-            for number, (samples, rate_hz) in enumerate(heard):
-                behind = len(heard) - number - 1
-                self._perform(self.session.push(samples, rate_hz, None if most is None else max(most - behind, 1)))
-            if self.session.clipped and not clipped:
-                clipped = True
-                self.note("the speech is clipped: samples are at full scale; turn the input down.")
-        self._perform(self.session.flush())
-        self.tell({"end": self.session.frame, "dropped": self.session.dropped})
-
-    def _perform(self, poses: Any) -> None:
-        dropped = self.session.dropped - self._told.get("dropped", 0)
-        if dropped:
-            self._told["dropped"] = self.session.dropped
-            self.tell({"dropped": dropped, "at": self.session.frame - len(poses.root.pos)})
-            self.note(f"too slow for live speech: {dropped} frame{'s'[: dropped != 1]} left out.")
-        for message in self.cast.frames(poses):
-            self.tell(message)
-
-    def tell(self, message: dict[str, Any]) -> None:
-        for listener in self.listeners:
-            listener.tell(message)
-
-    def note(self, text: str) -> None:
-        """Says something on stderr, each kind at most once a second; any thread may."""
-        kind, now = text[:24], time.monotonic()
-        if now - self._told.get(kind, -OFTEN_S) >= OFTEN_S:
-            self._told[kind] = now
-            print(f"zeggs: note: {text}", file=sys.stderr)
-
-    def ask(self, wish: dict[str, Any]) -> None:
-        """Another style: read in a thread of its own, then turned to; one that cannot be read is told, no more."""
-
-        def read() -> None:
-            try:
-                name, seconds = wish.get("style"), wish.get("transition", 1.0)
-                if not isinstance(name, str) or type(seconds) not in (int, float) or not 0.0 <= seconds < math.inf:
-                    raise ValueError(f'{wish} is no style to turn to; ask for {{"style": NAME, "transition": S}}.')
-                point = self.session.embedding(self._request._replace(styles=(name,)))
-                self._events.put(lambda: self._turn(name, point, seconds))
-            except (ValueError, TypeError, OSError) as error:
-                told = " ".join(str(error).split())
-                self._events.put(lambda: (self.note(told), self.tell({"note": told})))
-
-        threading.Thread(target=read, daemon=True).start()
-
-    def _turn(self, name: str, point: Any, seconds: float) -> None:
-        self.session.set_style(point, seconds)
-        self.style = name
-        self.tell({"style": name, "at": self.session.frame})
-
-    def close(self) -> None:
-        for listener in self.listeners:
-            listener.close()

@@ -108,7 +108,7 @@ def finish(asked: Asked, poses: Pose, model: Model, precision: Precision = "floa
             "the model made motion that is not finite; check its checkpoint, the style and the temperature."
         )
     told = {**provenance(asked.speech, asked.request, model), "precision": precision, "notes": asked.notes}
-    return Gesture(clip, jnp.asarray(asked.told.style), told, asked.notes)
+    return Gesture(clip, jax.device_put(asked.told.style), told, asked.notes)
 
 
 def read_speech(speech: Speech, model: Model) -> Float[Array, "T F"]:
