@@ -22,7 +22,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -94,7 +94,7 @@ def material(batch: int, frames: int) -> tuple[Any, Scales, Any, Frame]:
     return params, scales, first, Frame(normal(frames, 64, batch), style, gaze)
 
 
-def ours(precision: str, batch: int, frames: int) -> tuple[Callable[[], np.ndarray], int]:
+def ours(precision: reduced.Precision, batch: int, frames: int) -> tuple[Callable[[], np.ndarray], int]:
     """A call that decodes all frames, in the pieces of generation, and the bytes of weights a frame reads."""
     params, scales, first, given = material(batch, frames)
     weights = reduced.with_precision(folded.fold(params, CONFIG.decoder, scales, DT), precision)
@@ -176,7 +176,7 @@ def measure(batch: int, sides: list[str], frames: int, repeats: int) -> list[dic
         if side in OURS and side != "float32" and native.problem():
             print(f"{side} left out: {native.problem()}")
         elif side in OURS:
-            calls[side], read[side] = ours(side, batch, frames)
+            calls[side], read[side] = ours(cast(reduced.Precision, side), batch, frames)
         else:
             calls[side] = theirs(side, batch, frames)
     made = {side: call()[:AGREE_FRAMES] for side, call in calls.items() if side != "probe"}
@@ -204,10 +204,11 @@ def compilation() -> dict[str, float]:
     """Seconds to compile a piece of 64 frames with an empty cache and with a full one, and programs of 20 lengths."""
     _, scales, first, _ = material(1, 1)
     model = Model(CONFIG, init(jax.random.key(0), CONFIG), scales, None)  # pyright: ignore
-    start = Motion(jax.tree.map(lambda a: np.asarray(a)[None, ..., 0], first), np.array([0.0, 0.0, 3.0], np.float32))
+    gaze: Any = np.array([0.0, 0.0, 3.0], np.float32)
+    start = Motion(jax.tree.map(lambda a: np.asarray(a)[None, ..., 0], first), gaze)
     told = lambda n: synthesis.Told(np.zeros((n, 81), np.float32), np.zeros((n, 64), np.float32), start)  # noqa: E731
     found, events = {}, []
-    monitoring.register_event_duration_secs_listener(lambda event, _, **__: events.append(event))
+    monitoring.register_event_duration_secs_listener(lambda event, duration_secs, **_: events.append(event))
     synthesis.ready(model)
     with tempfile.TemporaryDirectory() as folder:
         jax.config.update("jax_compilation_cache_dir", folder)

@@ -80,7 +80,7 @@ def hour(session) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--small", action="store_true", help="the bundled model instead of the paper's sizes")
     parser.add_argument("--hour", action="store_true", help="also an hour of audio")

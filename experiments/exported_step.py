@@ -55,7 +55,7 @@ def perform(run: Run, told: dict, frames: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("step", type=Path)
     parser.add_argument("--frames", type=int, default=60)
     asked = parser.parse_args()

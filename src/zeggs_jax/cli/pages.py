@@ -34,6 +34,7 @@ class Pages:
             raise ValueError(f"'{host}:{port}' cannot be served ({error}); give another port.") from error
         self.port = door.getsockname()[1]
         own = [f"http://{name}:{self.port}" for name in (host, "localhost", "127.0.0.1", "[::1]")]
+        origins: list[Any] = [None, *own]
         quiet = logging.getLogger("zeggs.pages")  # pages come and go; that is no error
         quiet.addHandler(logging.NullHandler())
         quiet.propagate = False
@@ -41,7 +42,7 @@ class Pages:
             self._client,
             sock=door,
             process_request=self._show,
-            origins=[None, *own],  # a page from elsewhere may not listen
+            origins=origins,  # a page from elsewhere may not listen
             max_size=1 << 20,
             logger=quiet,
         )

@@ -146,7 +146,7 @@ def _magnitude(framed: Float[np.ndarray, "F W"], config: SpeechFeatureConfig) ->
     from scipy.fft import rfft  # of many windows in float32, twice as fast as numpy's
 
     window = np.float32(hann(config.window) / config.window)
-    return np.abs(rfft(np.asarray(framed, np.float32) * window, axis=1))
+    return np.abs(rfft(np.asarray(framed, np.float32) * window, axis=1))  # pyright: ignore[reportCallIssue, reportArgumentType]
 
 
 def hann(size: int) -> Float[np.ndarray, " size"]:
