@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import linen as nn
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
@@ -43,9 +44,9 @@ class DecoderConfig:
 class Frame(NamedTuple):
     """What is given for one frame, or with a leading axis for all of them."""
 
-    speech: Float[Array, "*T S"]  # speech embedding
-    style: Float[Array, "*T Z"]  # style embedding
-    target: Float[Array, "*T 3"]  # world position that the body faces, cm
+    speech: Float[Array | np.ndarray, "*T S"]  # speech embedding
+    style: Float[Array | np.ndarray, "*T Z"]  # style embedding
+    target: Float[Array | np.ndarray, "*T 3"]  # world position that the body faces, cm
 
 
 class DecoderState(NamedTuple):
@@ -71,7 +72,7 @@ class Decoder(nn.Module):
         """Both in a row; what `init` runs."""
         return self.recurrent(seen, given, self.begin(seen, given.style))
 
-    def begin(self, seen: Float[Array, " O"], style: Float[Array, " Z"]) -> Float[Array, "L H"]:
+    def begin(self, seen: Float[Array, " O"], style: Float[Array | np.ndarray, " Z"]) -> Float[Array, "L H"]:
         """First observation and style -> first hidden state; zeros without an initialiser."""
         if self.config.initialiser:
             return self.initialiser(seen, style)
@@ -91,7 +92,7 @@ class HiddenInitialiser(nn.Module):
     matmul: Matmul = "float32"
 
     @nn.compact
-    def __call__(self, seen: Float[Array, " O"], style: Float[Array, " Z"]) -> Float[Array, "L H"]:
+    def __call__(self, seen: Float[Array, " O"], style: Float[Array | np.ndarray, " Z"]) -> Float[Array, "L H"]:
         layers, width = self.config.layers, self.config.hidden
         dense = partial(Dense, matmul=self.matmul)
         x = jnp.concatenate([seen, style])
@@ -143,8 +144,9 @@ class FilmRecurrent(nn.Module):
         self, seen: Float[Array, " O"], given: Frame, hidden: Float[Array, "L H"]
     ) -> tuple[Float[Array, " P"], Float[Array, "L H"]]:
         width, dense = self.config.hidden, partial(Dense, matmul=self.matmul)
-        gamma = jnp.split(dense(2 * width, gain=1.0, name="gamma")(given.style) + 1.0, 2)
-        beta = jnp.split(dense(2 * width, gain=1.0, name="beta")(given.style), 2)
+        style: Any = given.style
+        gamma = jnp.split(dense(2 * width, gain=1.0, name="gamma")(style) + 1.0, 2)
+        beta = jnp.split(dense(2 * width, gain=1.0, name="beta")(style), 2)
         inputs = jnp.concatenate([seen, given.speech])
         x = jax.nn.elu(dense(width, name="dense_in")(inputs)) * gamma[0] + beta[0]
         hidden = StackedGRU(self.config, self.matmul, name="gru")(jnp.concatenate([x, inputs]), hidden)
@@ -152,7 +154,7 @@ class FilmRecurrent(nn.Module):
         return dense(seen.shape[-1] - GAZE, name="dense_out")(x), hidden
 
 
-def observe(pose: Pose, target: Float[Array, " 3"], pose_in: Scale, facing: bool = True) -> Float[Array, " O"]:
+def observe(pose: Pose, target: Float[ArrayLike, " 3"], pose_in: Scale, facing: bool = True) -> Float[Array, " O"]:
     """The scaled pose vector and the way from its root to the target (in cm: not normalised, as released).
 
     Not `facing`: whatever the target, its columns are zero, their mean.

@@ -48,7 +48,8 @@ def step(model: Model, request: Request) -> Step:
     point = np.asarray(steering.style_sequence(request, chosen, 1, bvh.rate_hz(model.config.frame_time), space)[0])
     first = jax.tree.map(lambda a: np.asarray(a[0], np.float32), motion.pose)
     target = poses.gaze_direction(first.root, motion.gaze)  # in the world that the body starts in the middle of
-    middle = Root(np.zeros(3, np.float32), np.array([1.0, 0.0, 0.0, 0.0], np.float32))
+    stand: Any = np.zeros(3, np.float32), np.array([1.0, 0.0, 0.0, 0.0], np.float32)
+    middle = Root(*stand)
     config, ready = model.config, synthesis.ready(model)
     given = Frame(np.zeros(config.speech.size, np.float32), point, target)
     state = synthesis.begin(ready, config, first._replace(root=middle), given)
@@ -78,7 +79,7 @@ def stablehlo(made: Step) -> bytes:
 def onnx(made: Step) -> bytes:
     """The step as an ONNX model with named inputs and outputs; ValueError without the extra 'onnx'."""
     try:
-        from jax2onnx import to_onnx
+        from jax2onnx import to_onnx  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise ValueError("ONNX needs the extra 'onnx'; pip install 'zeggs-jax[onnx]'.") from error
     shapes = [jax.ShapeDtypeStruct(a.shape, a.dtype) for a in made.start.values()]

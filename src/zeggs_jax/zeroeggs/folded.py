@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from ..data import scale
@@ -81,27 +82,27 @@ def fold(params: Any, config: DecoderConfig, scales: Scales, frame_time: float) 
     (exact, cells), hidden = (_exact(net[name]) for name in ("dense_out", "gru")), config.hidden
     wide = _wide(net, hidden)
     size = len(exact["bias"])
-    pose_in, pose_out = (Scale(*(np.asarray(a, np.float64) for a in s)) for s in scales[1:])
+    pose_in, pose_out = _exact(scales.pose_in), _exact(scales.pose_out)
     out_std = np.broadcast_to(pose_out.std, (size,))
-    unscaled = Product(exact["weight"] * out_std[:, None], exact["bias"] * out_std + pose_out.mean)
+    weight, bias = exact["weight"] * out_std[:, None], exact["bias"] * out_std + pose_out.mean  # unscaled
     seen_std = np.broadcast_to(pose_in.std, pose_in.mean.shape)
-    again = wide.weight[:, :size] / seen_std[:size]
-    ahead = Product(again @ unscaled.weight, again @ (unscaled.bias - pose_in.mean[:size]))
+    again = wide["weight"][:, :size] / seen_std[:size]
+    ahead = again @ weight, again @ (bias - pose_in.mean[:size])
     rows = [cells[f"layer{i}"] for i in range(config.layers)]
-    follows = [Product(cell["weight_ih"], cell["bias_ih"]) for cell in rows[1:]] + [ahead]
+    follows = [*((cell["weight_ih"], cell["bias_ih"]) for cell in rows[1:]), ahead]
     layers = tuple(
-        Product(*(np.concatenate(pair) for pair in zip(up, (cell["weight_hh"], cell["bias_hh"]), strict=True)))
+        Product(_stacked(up[0], cell["weight_hh"]), _stacked(up[1], cell["bias_hh"]))
         for up, cell in zip(follows, rows, strict=True)
     )
     folded = Folded(
-        given=Product(wide.weight[:, size + GAZE :], wide.bias),
-        gaze=wide.weight[:, size : size + GAZE],
+        given=Product(wide["weight"][:, size + GAZE :], wide["bias"]),
+        gaze=wide["weight"][:, size : size + GAZE],
         gaze_in=Scale(pose_in.mean[size:], seen_std[size:]),
         embedded=rows[0]["weight_ih"][:, :hidden],
         layers=layers,
-        root=Product(*(part[:VELOCITIES] for part in unscaled)),
-        joints=Product(*(part[VELOCITIES:] for part in unscaled)),
-        frame_time=np.asarray(frame_time),
+        root=Product(weight[:VELOCITIES], bias[:VELOCITIES]),
+        joints=Product(weight[VELOCITIES:], bias[VELOCITIES:]),
+        frame_time=_exact(frame_time),
     )
     return jax.tree.map(lambda a: jnp.asarray(a, dtype), folded)
 
@@ -110,11 +111,15 @@ def _exact(tree: Any) -> Any:
     return jax.tree.map(lambda a: np.asarray(a, np.float64), tree)
 
 
-def _wide(net: Any, hidden: int) -> Product:
+def _stacked(*parts: Any) -> Any:
+    return np.concatenate(parts)
+
+
+def _wide(net: Any, hidden: int) -> Any:
     """The dense layer above the first gates: all that multiplies (pose, gaze, speech, style)."""
     dense, first = _exact(net["dense_in"]), _exact(net["gru"]["layer0"])
     weight = np.concatenate([dense["weight"], first["weight_ih"][:, hidden:]])
-    return Product(weight, np.concatenate([dense["bias"], first["bias_ih"]]))
+    return {"weight": weight, "bias": np.concatenate([dense["bias"], first["bias_ih"]])}
 
 
 def begin(params: Any, folded: Folded, config: DecoderConfig, scales: Scales, first: Pose, given: Frame) -> FoldedState:
@@ -156,10 +161,10 @@ def _advance(
         joints = jax.vmap(partial(_apply, folded.joints))(output)
         return poses.from_vector(jnp.concatenate([velocity, joints], -1), root)
 
-    def frame(state: FoldedState, x: tuple[Array, Array]) -> tuple[FoldedState, tuple[Root, Array, Array]]:
+    def frame(state: FoldedState, x: tuple[Array, ArrayLike]) -> tuple[FoldedState, tuple[Root, Array, Array]]:
         return _frame(folded, config, state, *x)
 
-    def step(state: FoldedState, x: tuple[Array, Array]) -> tuple[FoldedState, tuple[Root, Array, Array]]:
+    def step(state: FoldedState, x: tuple[Array, ArrayLike]) -> tuple[FoldedState, tuple[Root, Array, Array]]:
         return each(frame)(state, x)
 
     state, moved = jax.lax.scan(step, state, (each(told)(given), given.target))
@@ -167,7 +172,7 @@ def _advance(
 
 
 def _frame(
-    folded: Folded, config: DecoderConfig, state: FoldedState, told: Float[Array, " W"], target: Float[Array, " 3"]
+    folded: Folded, config: DecoderConfig, state: FoldedState, told: Float[Array, " W"], target: Float[ArrayLike, " 3"]
 ) -> tuple[FoldedState, tuple[Root, Array, Array]]:
     """One frame: its state; its root, the velocities of the root and the GRU's output."""
     inputs = state.projected + told

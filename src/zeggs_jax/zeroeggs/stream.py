@@ -276,4 +276,5 @@ def _rate(rate_hz: float | int) -> float:
 
 def _empty(model: Model) -> Pose:
     numbers = np.zeros((0, model.config.vector_size), np.float32)
-    return poses.from_vector(numbers, Root(np.zeros((0, 3), np.float32), np.zeros((0, 4), np.float32)))
+    root: Any = np.zeros((0, 3), np.float32), np.zeros((0, 4), np.float32)
+    return poses.from_vector(numbers, Root(*root))

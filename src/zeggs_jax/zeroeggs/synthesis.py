@@ -34,8 +34,8 @@ State = FoldedState | DecoderState
 class Told(NamedTuple):
     """What one clip is made from."""
 
-    spectrum: Float[ArrayLike, "T F"]
-    style: Float[ArrayLike, "T Z"]
+    spectrum: Float[Array | np.ndarray, "T F"]
+    style: Float[Array | np.ndarray, "T Z"]
     start: Motion  # its first pose and its gaze are taken
 
 
@@ -66,8 +66,8 @@ def ready(model: Model, precision: Precision = "float32") -> Ready:
     if folded.fits(config.decoder) or precision != "float32":
         exact = folded.fold(model.params["decoder"], config.decoder, model.scales, config.frame_time)
         form = with_precision(exact, precision)
-    plain = jax.device_put((model.params["speech"], model.params["decoder"]))
-    made = Ready(*plain, form, jax.tree.map(jnp.asarray, model.scales), jnp.asarray(config.frame_time))
+    speech, plain = jax.device_put((model.params["speech"], model.params["decoder"]))
+    made = Ready(speech, plain, form, jax.tree.map(jnp.asarray, model.scales), jnp.asarray(config.frame_time))
     _KEPT.append(_Kept(arrays, config, precision, made))
     del _KEPT[:-MODELS]
     return made
@@ -119,6 +119,7 @@ def advance_many(
     given = Frame(each(partial(_heard, run, config, frames=len(style)))(spectrum), style, target)
     if run.folded is None:
         return each(partial(_step, run, config))(state, given)
+    assert isinstance(state, FoldedState)
     return folded.advance_many(run.folded, config.decoder, state, given)
 
 
@@ -153,7 +154,7 @@ def synthesize(
     precision: Precision = "float32",
 ) -> Pose:
     """The networks of Fig. 2, without files: T poses as numpy arrays, the first of which is that of `start`."""
-    run, told = ready(model, precision), _on_host(Told(spectrum, style, start))
+    run, told = ready(model, precision), _on_host(spectrum, style, start)
     first, given = _first(told, model.config)
     state, pieces = begin(run, model.config, first, given), [_framed(first)]
     for at in range(1, len(told.spectrum), CHUNK):
@@ -171,7 +172,7 @@ def synthesize_many(model: Model, told: Sequence[Told], precision: Precision = "
         if len(group) == 1:
             made[group[0]] = synthesize(model, *told[group[0]], precision)
         else:
-            poses = _together(ready(model, precision), model.config, [_on_host(told[number]) for number in group])
+            poses = _together(ready(model, precision), model.config, [_on_host(*told[number]) for number in group])
             made |= dict(zip(group, poses, strict=True))
     return [made[number] for number in range(len(told))]
 
@@ -197,9 +198,9 @@ def _begin_many(run: Ready, config: ZeroEggsConfig, firsts: Pose, givens: Frame)
     return jax.vmap(partial(begin, run, config), out_axes=-1)(firsts, givens)
 
 
-def _on_host(told: Told) -> Told:
+def _on_host(spectrum: Float[ArrayLike, "T F"], style: Float[ArrayLike, "T Z"], start: Motion) -> Told:
     """All as numpy: cutting there compiles nothing."""
-    return jax.tree.map(lambda a: np.asarray(a, np.float32), told)
+    return Told(*jax.tree.map(lambda a: np.asarray(a, np.float32), (spectrum, style, start)))
 
 
 def _first(told: Told, config: ZeroEggsConfig) -> tuple[Pose, Frame]:
@@ -212,7 +213,8 @@ def _piece(told: Told, at: int, config: ZeroEggsConfig) -> tuple[np.ndarray, np.
     last = len(told.spectrum) - 1
     around = np.arange(at - halo(config), at + CHUNK + halo(config)).clip(0, last)
     own = np.arange(at, at + CHUNK).clip(0, last)
-    return told.spectrum[around], told.style[own], np.tile(told.start.gaze, (CHUNK, 1))
+    spectrum, style = np.asarray(told.spectrum), np.asarray(told.style)
+    return spectrum[around], style[own], np.tile(told.start.gaze, (CHUNK, 1))
 
 
 def _framed(pose: Pose) -> Pose:

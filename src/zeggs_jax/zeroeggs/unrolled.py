@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
@@ -30,7 +31,7 @@ class Course(NamedTuple):
     root: Root  # of the first pose: [3, *B] and [4, *B]
     hidden: tuple[Float[Array, "H *B"], ...]  # of every layer, before frame 1
     given: Float[Array, "T G *B"]  # speech and style of frames 1 to T
-    target: Float[Array, "T 3 *B"]  # cm, world
+    target: Float[Array | np.ndarray, "T 3 *B"]  # cm, world
 
 
 class Made(NamedTuple):
@@ -102,7 +103,8 @@ def rollout(
 
 def _units(scales: Scales, frame_time: ArrayLike) -> Units:
     pairs = ((s.mean, jnp.broadcast_to(s.std, jnp.shape(s.mean))) for s in (scales.pose_in, scales.pose_out))
-    return Units(*(jnp.asarray(a)[:, None] for pair in pairs for a in pair), jnp.asarray(frame_time))
+    seen_mean, seen_std, out_mean, out_std = (jnp.asarray(a)[:, None] for pair in pairs for a in pair)
+    return Units(seen_mean, seen_std, out_mean, out_std, jnp.asarray(frame_time))
 
 
 def _recur(shared: Shared, course: Course, config: DecoderConfig, compute: Compute) -> Made:
@@ -228,7 +230,8 @@ def _backward(config: DecoderConfig, compute: Compute, shared: Shared, record: A
     end = jax.tree.map(jnp.zeros_like, (course.vector, course.root, course.hidden))
     start, (given, target, deltas) = jax.lax.scan(frame, end, frames, reverse=True, unroll=compute.unroll)
     gates = {f"layer{layer}/gates": deltas[f"layer{layer}"][:, : 2 * width] for layer in range(config.layers)}
-    return Course(*start, given, target), deltas | gates
+    vector, root, hidden = start
+    return Course(vector, root, hidden, given, target), deltas | gates
 
 
 def _cell_slopes(after: Array, gates: Gates, before: Array) -> tuple[Array, Array, Array]:
