@@ -242,7 +242,11 @@ def _short(name: str) -> str:
     if name == recognised.BRIDGE:
         return "ZeroEGGS, text"
     known = {paired.SILENT: "no transcript", paired.TEXT: "text prompt", paired.MOTION: "motion prompt"}
-    return known.get(name, name.replace("text, ", "").replace("held-out ", "new ").replace("paraphrase, not", "one, not").replace(", motion prompt", ""))
+    changes = {"text, ": "", "held-out ": "new ", "paraphrase, not": "one, not", ", motion prompt": ""}
+    short = name
+    for old, new in changes.items():
+        short = short.replace(old, new)
+    return known.get(name, short)
 
 
 def _draw_guidance(axes: Any, letter: str, of: Found) -> None:
