@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 
-from zeggs_jax.zeroeggs import export, synthesis
+from zeggs_jax.zeroeggs import export
 from zeggs_jax.zeroeggs.broadcast import Broadcast
 from zeggs_jax.zeroeggs.steering import Request
 from zeggs_jax.zeroeggs.stream import StreamSession
@@ -27,8 +27,9 @@ def rows(wave, session) -> np.ndarray:
     """All feature rows of a recording, the ends repeated as far as the encoder sees."""
     from zeggs_jax.speech import features as speech_features
 
-    halo = synthesis.halo(session.model.config)
-    return np.pad(speech_features.extract(wave, rate_hz=session.rate), ((halo, halo), (0, 0)), mode="edge")
+    sees = session.model.config.speech
+    found = speech_features.extract(wave, rate_hz=session.rate)
+    return np.pad(found, ((sees.behind, sees.ahead), (0, 0)), mode="edge")
 
 
 def test_a_loop_over_the_step_is_the_stream(gesturer, made, request_of, clips):

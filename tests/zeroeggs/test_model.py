@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +10,8 @@ import numpy as np
 import pytest
 
 from zeggs_jax.data import scale
+from zeggs_jax.motion.skeleton import Skeleton
+from zeggs_jax.zeroeggs import checkpoints, generate, library
 from zeggs_jax.zeroeggs import model as m
 from zeggs_jax.zeroeggs.style_encoder import StyleEncoder
 
@@ -118,6 +121,10 @@ def test_a_config_comes_back_from_json(config):
         ({"style": {"kind": "label"}}, "the style kind is 'label' and there are 0 labels"),
         ({"decoder": {"layers": 0}}, "DecoderConfig.layers is 0"),
         ({"speech": {"kernel": 30}}, "kernel is 30; it must be odd"),
+        ({"speech": {"kernel": 7, "lookahead": 7}}, "lookahead is 7; a kernel of 7 frames sees 0 to 6 ahead"),
+        ({"speech": {"lookahead": -1}}, "lookahead is -1"),
+        ({"speech": {"lookahead": 4.0}}, "expected int"),
+        ({"speech": {"lookahead": True}}, "expected int"),
         ({"style": {"size": 3}}, "6 wide, which its 4 heads do not divide"),
         ([], "config is .*; expected a table"),
     ],
@@ -125,6 +132,19 @@ def test_a_config_comes_back_from_json(config):
 def test_a_config_is_read_strictly(data, says):
     with pytest.raises(ValueError, match=says):
         m.from_dict(m.ZeroEggsConfig, data)
+
+
+def test_a_look_ahead_is_kept_with_a_model_and_one_without_is_the_model_that_it_was(small, tmp_path):
+    """Libraries know their model by its digest, in which a setting that came late must not be where it is not used."""
+    skeleton = Skeleton(("Hips",), (-1,), np.zeros((1, 3)))
+    plain = m.Model(small.config, small.params, small.scales, skeleton)
+    early = plain._replace(config=replace(small.config, speech=replace(small.config.speech, lookahead=1)))
+    assert "lookahead" not in checkpoints.describe(plain.config, skeleton)["model"]["speech"]
+    for model in (plain, early):
+        checkpoints.save_model(tmp_path / str(model.config.speech.ahead), model)
+        assert checkpoints.load_model(tmp_path / str(model.config.speech.ahead)).config == model.config
+    assert checkpoints.digest(plain) != checkpoints.digest(early)
+    assert library.is_bundled(generate.bundled_model())
 
 
 def test_parameters_that_fit_pass(small):

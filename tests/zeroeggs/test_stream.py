@@ -1,5 +1,7 @@
 """Laws of streaming: it makes what `generate` makes, however the speech is pushed; bad input changes nothing."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -86,6 +88,25 @@ def test_streamed_is_offline_whatever_the_pushes(begin, gesturer, clips, points,
     assert_same(streamed(session, wave, sizes), offline(gesturer, wave, points[0], clips))
 
 
+@pytest.fixture(scope="module", params=[4, 30])
+def early(request, gesturer):
+    """The same weights, told that they see so many frames ahead."""
+    speech = replace(gesturer.config.speech, lookahead=request.param)
+    return gesturer._replace(config=replace(gesturer.config, speech=speech))
+
+
+def test_a_model_that_sees_less_far_ahead_streams_as_offline_and_answers_as_much_sooner(early, clips, points, wave):
+    long, ahead = np.tile(wave, 4), early.config.speech.lookahead
+    asked = {"style": points[0], "first_pose": str(clips / "old.bvh"), "loudness": wav.loudness(long)}
+    expected = offline(early, long, points[0], clips)
+    session = StreamSession(early, **asked)
+    assert session.latency.least == pytest.approx(ahead / 30 + 0.025)
+    assert_same(streamed(session, long, [641, 50_000]), expected)
+    assert_same(streamed(StreamSession(early, **asked), long, [len(long)]), expected)
+    with pytest.raises(ValueError, match=f"sees 0 to {ahead} frames ahead"):
+        StreamSession(early, **asked, lookahead=ahead + 1)
+
+
 def test_a_long_push_runs_in_whole_chunks(begin, gesturer, clips, points, wave):
     long = np.tile(wave, 5)
     session = begin(loudness=wav.loudness(long))
@@ -162,13 +183,13 @@ def test_a_look_ahead_cut_short_repeats_the_last_row_known(begin, gesturer, clip
     """Frame t of the stream is frame t of speech whose row t + L is held from there on."""
     session = begin(loudness=loudness, lookahead=2)
     made = streamed(session, wave, [1000])
-    rows, halo = np.asarray(g.read_speech(wave, gesturer)), synthesis.halo(gesturer.config)
+    rows = np.asarray(g.read_speech(wave, gesturer))
     start = g.starting_pose(Request(first_pose=str(clips / "old.bvh")), [], gesturer)
     run, first = synthesis.ready(gesturer), jax.tree.map(lambda a: a[0], start.pose)
     given = synthesis.Frame(np.zeros(8, np.float32), points[0], start.gaze)
     state = synthesis.begin(run, gesturer.config, first, given)
     for t in range(1, len(rows)):
-        seen = rows[np.arange(t - halo, t + halo + 1).clip(0, min(t + 2, len(rows) - 1))]
+        seen = rows[np.arange(t - 15, t + 16).clip(0, min(t + 2, len(rows) - 1))]
         state, expected = synthesis.advance(run, gesturer.config, state, seen, points[:1], np.asarray(start.gaze)[None])
         np.testing.assert_allclose(made.joint_pos[t], expected.joint_pos[0], atol=1e-5)
 

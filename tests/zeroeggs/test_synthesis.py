@@ -1,5 +1,7 @@
 """Pieces of a fixed number of frames are the whole clip, alone or in a batch, and no length compiles anew."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -60,9 +62,21 @@ def test_what_comes_later_changes_nothing_before(clip, model):
     long, frames = told(clip, 2 * CHUNK + 20), CHUNK + 30
     short = s.Told(long.spectrum[:frames], long.style[:frames], long.start)
     ours, expected = s.synthesize(model, *short), s.synthesize(model, *long)
-    sure = frames - s.halo(model.config)
+    sure = frames - model.config.speech.ahead
     close(jax.tree.map(lambda a: a[:sure], ours), jax.tree.map(lambda a: a[:sure], expected))
     assert np.abs(ours.joint_pos[-1] - expected.joint_pos[frames - 1]).max() > 1e-4
+
+
+@pytest.mark.parametrize("lookahead", [0, 1, 4])
+def test_a_pose_is_of_the_speech_up_to_the_look_ahead_and_no_further(clip, model, lookahead):
+    config = replace(model.config, speech=replace(model.config.speech, lookahead=lookahead))
+    model, one = model._replace(config=config), told(clip, CHUNK + 20)
+    for at in (30, CHUNK + 10):
+        later = np.where(np.arange(len(one.spectrum))[:, None] < at, one.spectrum, one.spectrum + 5.0)
+        ours, theirs = (s.synthesize(model, *one._replace(spectrum=x)).joint_pos for x in (one.spectrum, later))
+        apart = np.abs(ours - theirs).max((1, 2))
+        np.testing.assert_allclose(apart[: at - lookahead], 0.0, atol=1e-6)
+        assert apart[at - lookahead] > 1e-3
 
 
 def test_many_are_each_alone_in_their_order(clip, model):

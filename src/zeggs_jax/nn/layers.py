@@ -75,13 +75,12 @@ class Dense(nn.Module):
 class Conv(nn.Module):
     """Convolution over frames that keeps their number; weight (features, in, kernel), kernel odd.
 
-    `padding` says what stands beyond both ends: zeros, the first and last frame repeated, or nothing, which gives
-    kernel - 1 frames less.
+    `padding` says what stands beyond both ends: zeros, or nothing, which gives kernel - 1 frames less.
     """
 
     features: int
     kernel: int
-    padding: Literal["zero", "edge", "none"] = "zero"
+    padding: Literal["zero", "none"] = "zero"
     gain: float | None = None
     matmul: Matmul = "float32"
 
@@ -94,7 +93,7 @@ class Conv(nn.Module):
         weight = self.param("weight", uniform(weight_bound), (self.features, x.shape[-1], self.kernel))
         bias = self.param("bias", uniform(bound), (self.features,))
         half = 0 if self.padding == "none" else self.kernel // 2
-        padded = jnp.pad(x, ((half, half), (0, 0)), mode="edge" if self.padding == "edge" else "constant")
+        padded = jnp.pad(x, ((half, half), (0, 0)))
         product = jax.lax.conv_general_dilated(
             operand(padded, self.matmul)[None],
             weight,

@@ -67,5 +67,11 @@ def newest(path: str | Path) -> Path:
 
 
 def describe(config: ZeroEggsConfig, skeleton: Skeleton) -> dict[str, Any]:
-    """The metadata of a model's checkpoint."""
-    return {"model": to_dict(config), "skeleton": skeleton_to_json(skeleton)}
+    """The metadata of a model's checkpoint; a setting that came late is in it only where it is used.
+
+    So a model's digest stays what it was, and libraries made before are still this model's.
+    """
+    model = to_dict(config)
+    if config.speech.lookahead is None:
+        del model["speech"]["lookahead"]
+    return {"model": model, "skeleton": skeleton_to_json(skeleton)}

@@ -37,7 +37,7 @@ class ZeroEggsConfig:
             )
         for part in (self, self.speech, self.style, self.decoder):
             for name, value in vars(part).items():
-                if type(value) is int and value < 1:
+                if type(value) is int and value < 1 and name != "lookahead":
                     raise ValueError(f"{type(part).__name__}.{name} is {value}; sizes are at least 1.")
         for name, dropout in (
             ("SpeechEncoderConfig.dropout", self.speech.dropout),
@@ -48,6 +48,11 @@ class ZeroEggsConfig:
                 raise ValueError(f"{name} is {dropout}; it must be at least 0 and below 1.")
         if self.speech.kernel % 2 == 0:
             raise ValueError(f"SpeechEncoderConfig.kernel is {self.speech.kernel}; it must be odd.")
+        if not 0 <= self.speech.ahead < self.speech.kernel:
+            raise ValueError(
+                f"SpeechEncoderConfig.lookahead is {self.speech.lookahead}; a kernel of {self.speech.kernel} frames "
+                f"sees 0 to {self.speech.kernel - 1} ahead."
+            )
         width, heads = self.style.outputs, self.style.heads
         if self.style.kind == "attn" and width % heads:
             raise ValueError(f"the style encoder is {width} wide, which its {heads} heads do not divide.")

@@ -31,7 +31,7 @@ NAMES = ("spectrum", "style", "target")
 class Step(NamedTuple):
     """The function of a frame, and the arrays that the first frame is given."""
 
-    run: Callable[..., tuple[Array, ...]]  # (spectrum [2 halo + 1, F], style [Z], target [3], *state)
+    run: Callable[..., tuple[Array, ...]]  # (spectrum [kernel, F], style [Z], target [3], *state)
     start: dict[str, Float[np.ndarray, "..."]]  # by name, in the order of the inputs
     outputs: tuple[str, ...]
 
@@ -63,7 +63,7 @@ def step(model: Model, request: Request) -> Step:
         turns, places = features.joints(jax.tree.map(lambda a: a[0], made), middle)
         return (*jax.tree.leaves(after), turns, places[0])
 
-    spectrum = np.zeros((2 * synthesis.halo(config) + 1, config.features.size), np.float32)
+    spectrum = np.zeros((config.speech.kernel, config.features.size), np.float32)
     start = dict(zip((*NAMES, *names), (spectrum, point, target, *leaves), strict=True))
     return Step(run, {name: np.asarray(a, np.float32) for name, a in start.items()}, (*names, "turns", "place"))
 
@@ -99,6 +99,7 @@ def describe(made: Step, model: Model) -> dict[str, Any]:
         "outputs": [{"name": n, "shape": list(s.shape)} for n, s in zip(made.outputs, shapes, strict=True)],
         "state": list(made.outputs[:-2]),  # outputs that are the inputs of the next frame
         "rate": bvh.rate_hz(model.config.frame_time),
+        "ahead": model.config.speech.ahead,  # rows of the spectrum that come later than the frame
         "joints": list(model.skeleton.names),
         "parents": list(model.skeleton.parents),
         "offsets": np.round(np.asarray(model.skeleton.offsets, np.float64), 5).tolist(),

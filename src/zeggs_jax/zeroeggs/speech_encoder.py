@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import jax
+import jax.numpy as jnp
 from flax import linen as nn
 from jaxtyping import Array, Float
 
@@ -17,13 +18,28 @@ from ..nn.layers import Conv, Dense
 
 @dataclass(frozen=True)
 class SpeechEncoderConfig:
-    """Sizes of the speech encoder; `kernel` is odd and counts frames (31: it looks 15 frames ahead)."""
+    """Sizes of the speech encoder; `kernel` is odd and counts the frames that a frame of the embedding sees.
+
+    `lookahead` of these, from 0 to kernel - 1, come later than it; None: half of them, as in the paper (15 of 31). All
+    others but its own came before, so that a model that waits less remembers more.
+    """
 
     features: int = 81
     hidden: int = 64
     size: int = 64
     kernel: int = 31
     dropout: float = 0.2
+    lookahead: int | None = None
+
+    @property
+    def ahead(self) -> int:
+        """Frames that are seen ahead."""
+        return (self.kernel - 1) // 2 if self.lookahead is None else self.lookahead
+
+    @property
+    def behind(self) -> int:
+        """Frames that are seen behind."""
+        return self.kernel - 1 - self.ahead
 
 
 class SpeechEncoder(nn.Module):
@@ -42,6 +58,8 @@ class SpeechEncoder(nn.Module):
         config = self.config
         drop = nn.Dropout(config.dropout, deterministic=deterministic)
         x = drop(jax.nn.elu(Conv(config.hidden, 1, matmul=self.matmul, name="conv0")(features)))
-        wide = Conv(config.size, config.kernel, padding=self.padding, matmul=self.matmul, name="conv1")
+        if self.padding == "edge":
+            x = jnp.pad(x, ((config.behind, config.ahead), (0, 0)), mode="edge")
+        wide = Conv(config.size, config.kernel, padding="none", matmul=self.matmul, name="conv1")
         x = drop(jax.nn.elu(wide(x)))
         return jax.nn.elu(Dense(config.size, matmul=self.matmul, name="dense")(x))

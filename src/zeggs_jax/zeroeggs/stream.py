@@ -4,9 +4,9 @@
 
 A frame waits for the speech that the encoder sees ahead of it (15 frames with the paper's kernel of 31: 250 ms at 60
 Hz), for half a window of its spectrum (25 ms) and for the next spectrum (less than 12.5 ms): `StreamSession.latency`.
-Two ways to wait less: a model trained with a narrower kernel (`SpeechEncoderConfig.kernel`; 15 waits for 7 frames), or
-`lookahead`, with which any model takes the last row that it knows for all that follow. It costs accuracy, as the model
-has not learnt it: movements set in later and softer, as speech that comes is seen only when it is there.
+Two ways to wait less: a model trained to look less far ahead (`SpeechEncoderConfig.lookahead`), or `lookahead` here,
+with which any model takes the last row that it knows for all that follow. It costs accuracy, as the model has not
+learnt it: movements set in later and softer, as speech that comes is seen only when it is there.
 Whole-file loudness is not known while a recording goes on: give it (`loudness`), or the loudness so far is levelled.
 """
 
@@ -67,7 +67,7 @@ class StreamSession:
             model: from `load_model`.
             style: a name, a clip or a `Request` of mixed styles; an embedding [Z] needs `first_pose`.
             first_pose: a .bvh whose first frame the body starts from.
-            lookahead: frames of speech that the encoder sees ahead, at most (kernel - 1) / 2, which is the default.
+            lookahead: frames of speech that the encoder sees ahead, at most those of its config, which are the default.
             loudness: of the whole speech in LUFS, where it is known; None levels the loudness so far.
             rate_hz: of the samples; None: the model's own, 16 kHz.
             precision: of the decoder's weights, as for `generate`.
@@ -75,10 +75,10 @@ class StreamSession:
         Raises:
             ValueError, OSError: as `generate` for styles and first poses; a look-ahead, loudness or rate out of range.
         """
-        halo = synthesis.halo(model.config)
-        self.model, self.lookahead = model, halo if lookahead is None else lookahead
-        if not 0 <= self.lookahead <= halo:
-            raise ValueError(f"the look-ahead is {self.lookahead} frames; this model sees 0 to {halo} frames ahead.")
+        ahead = model.config.speech.ahead
+        self.model, self.lookahead = model, ahead if lookahead is None else lookahead
+        if not 0 <= self.lookahead <= ahead:
+            raise ValueError(f"the look-ahead is {self.lookahead} frames; this model sees 0 to {ahead} frames ahead.")
         if loudness is not None and not -70.0 <= loudness <= 20.0:
             raise ValueError(f"the loudness is {loudness:g} LUFS; give that of the speech, from -70 to 20.")
         self.rate = bvh.rate_hz(model.config.frame_time)
@@ -87,7 +87,7 @@ class StreamSession:
         self._voice_hz = _rate(own_hz if rate_hz is None else rate_hz)
         self._resampler = self._new_resampler(self._voice_hz)
         self._features = live.LiveFeatures(self.rate, model.config.features, loudness)
-        self._rows = np.zeros((0, model.config.features.size), np.float32)  # from `frame - halo` on
+        self._rows = np.zeros((0, model.config.features.size), np.float32)  # from `frame - behind` on
         self._ended = False
         request, chosen, point = self._read(style)
         self._style = self._from = point
@@ -200,19 +200,20 @@ class StreamSession:
 
     def _perform(self, rows: Float[np.ndarray, "k F"], ahead: int, most: int | None) -> Pose:
         """Takes rows in; gives the poses that have `ahead` rows after them."""
+        sees = self.model.config.speech
         if rows.size and not self._rows.size:
-            rows = np.concatenate([np.repeat(rows[:1], synthesis.halo(self.model.config), axis=0), rows])
+            rows = np.concatenate([np.repeat(rows[:1], sees.behind, axis=0), rows])
         self._rows = np.concatenate([self._rows, rows])
-        due = max(len(self._rows) - synthesis.halo(self.model.config) - ahead, 0)
+        due = max(len(self._rows) - sees.behind - ahead, 0)
         late = 0 if most is None else max(due - most, 0)
         self._pass(late)
         self.dropped += late
         pieces = [_empty(self.model)]
         if self._state is None and due > late:
             pieces.append(self._begin())
-        end = self.frame + len(self._rows) - synthesis.halo(self.model.config) - ahead
+        end = self.frame + len(self._rows) - sees.behind - ahead
         while self.frame < end:
-            whole = end - self.frame >= CHUNK and self.lookahead == synthesis.halo(self.model.config)
+            whole = end - self.frame >= CHUNK and self.lookahead == sees.ahead
             pieces.append(self._advance(CHUNK if whole else 1))
         made = jax.tree.map(lambda *parts: np.concatenate(parts), *pieces)
         if not all(np.isfinite(part).all() for part in jax.tree.leaves(made)):
@@ -232,8 +233,9 @@ class StreamSession:
 
     def _advance(self, frames: int) -> Pose:
         """Some frames on; what the encoder would see behind the look-ahead is the last row within it."""
-        halo = synthesis.halo(self.model.config)
-        seen = np.minimum(np.arange(frames + 2 * halo), min(frames - 1 + halo + self.lookahead, len(self._rows) - 1))
+        sees = self.model.config.speech
+        known = min(frames - 1 + sees.behind + self.lookahead, len(self._rows) - 1)
+        seen = np.minimum(np.arange(frames + sees.kernel - 1), known)
         style = self._styles(self.frame + np.arange(frames))
         target = np.tile(self._target, (frames, 1))
         state, made = synthesis.advance(self._run, self.model.config, self._state, self._rows[seen], style, target)
@@ -243,7 +245,7 @@ class StreamSession:
 
     def _warm(self) -> None:
         """Compiles, or reads from the cache, what every push runs."""
-        self._rows = np.zeros((2 * synthesis.halo(self.model.config) + 2, self.model.config.features.size), np.float32)
+        self._rows = np.zeros((self.model.config.speech.kernel + 1, self.model.config.features.size), np.float32)
         self._begin()
         self._advance(1)
         self._rows, self._state, self.frame = self._rows[:0], None, 0

@@ -1,6 +1,6 @@
 """Speech features and style in, poses out, in pieces of a fixed number of frames: no length compiles anew.
 
-The speech encoder sees 15 frames to both sides, so a piece is encoded with these around it, the ends repeated as the
+The speech encoder sees some frames to both sides, so a piece is encoded with these around it, the ends repeated as the
 encoder does; the decoder hands its state from piece to piece. What is added behind the last frame changes nothing
 before it and is cut off. Several clips are decoded at once, in batches of a few sizes, padded to the longest.
 """
@@ -100,7 +100,7 @@ def advance(
     style: Float[Array, "K Z"],
     target: Float[Array, "K 3"],
 ) -> tuple[State, Pose]:
-    """K frames on. `spectrum` has the frames that the encoder sees before and behind them too: `halo` on each side."""
+    """K frames on. `spectrum` has the frames that the encoder sees behind and ahead of them too: kernel - 1 more."""
     heard = _heard(run, config, spectrum, len(style))
     return _step(run, config, state, Frame(heard, style, target))
 
@@ -123,14 +123,9 @@ def advance_many(
     return folded.advance_many(run.folded, config.decoder, state, given)
 
 
-def halo(config: ZeroEggsConfig) -> int:
-    """Frames that the speech encoder sees to each side."""
-    return config.speech.kernel // 2
-
-
 def _heard(run: Ready, config: ZeroEggsConfig, spectrum: Float[Array, "N F"], frames: int) -> Float[Array, "K S"]:
     speech = encode_speech({"speech": run.speech}, config, run.scales, spectrum)
-    return jax.lax.slice_in_dim(speech, halo(config), halo(config) + frames)
+    return jax.lax.slice_in_dim(speech, config.speech.behind, config.speech.behind + frames)
 
 
 def _step(run: Ready, config: ZeroEggsConfig, state: Any, given: Frame) -> tuple[State, Pose]:
@@ -211,7 +206,7 @@ def _first(told: Told, config: ZeroEggsConfig) -> tuple[Pose, Frame]:
 def _piece(told: Told, at: int, config: ZeroEggsConfig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Spectrum, style and target of CHUNK frames from `at` on; what is beyond an end is the frame there."""
     last = len(told.spectrum) - 1
-    around = np.arange(at - halo(config), at + CHUNK + halo(config)).clip(0, last)
+    around = np.arange(at - config.speech.behind, at + CHUNK + config.speech.ahead).clip(0, last)
     own = np.arange(at, at + CHUNK).clip(0, last)
     spectrum, style = np.asarray(told.spectrum), np.asarray(told.style)
     return spectrum[around], style[own], np.tile(told.start.gaze, (CHUNK, 1))
