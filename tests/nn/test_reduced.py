@@ -39,13 +39,13 @@ def vectors(*shape, seed=1):
 
 
 def exact(weight, x):
-    return np.asarray(x, np.float64) @ np.asarray(reduced.restore(weight), np.float64).T
+    return np.asarray(reduced.restore(weight), np.float64) @ np.asarray(x, np.float64)
 
 
-def check_product(weight, x, y):
+def check_product(weight, x, y, rounding=ROUNDING):
     """Each entry of y is that of the restored weight, to what summing in float32 may cost."""
-    most = np.abs(np.asarray(x, np.float64)).sum(-1)[..., None] * np.abs(reduced.restore(weight)).max(-1)
-    assert (np.abs(np.asarray(y) - exact(weight, x)) <= ROUNDING * most + 1e-30).all()
+    most = np.abs(reduced.restore(weight)).max(1)[:, None] * np.abs(np.asarray(x, np.float64)).sum(-2, keepdims=True)
+    assert (np.abs(np.asarray(y) - exact(weight, x)) <= rounding * most + 1e-30).all()
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -73,17 +73,16 @@ def test_what_is_reduced_stays_as_it_is_when_reduced_again(kind):
 
 
 @settings(max_examples=12, deadline=None)
-@given(rows=st.integers(1, 41), columns=st.integers(1, 300), clips=st.integers(1, 6), kind=st.sampled_from(KINDS))
-def test_the_kernel_multiplies_the_weight_whatever_the_sizes(kernel, rows, columns, clips, kind):
-    weight, x = reduced.reduce(matrix(rows, columns), kind), vectors(clips, columns)
-    check_product(weight, x[0], reduced.product(weight, jnp.asarray(x[0])))
-    check_product(weight, x, jax.vmap(reduced.product, (None, 0))(weight, jnp.asarray(x)))
+@given(rows=st.integers(1, 41), inner=st.integers(1, 300), columns=st.integers(1, 7), kind=st.sampled_from(KINDS))
+def test_the_kernel_multiplies_the_weight_whatever_the_sizes(kernel, rows, inner, columns, kind):
+    weight, x = reduced.reduce(matrix(rows, inner), kind), vectors(inner, columns)
+    check_product(weight, x, reduced.product(weight, jnp.asarray(x)))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_kernel_shares_large_weights_among_threads(kernel, kind):
-    weight, x = reduced.reduce(matrix(1031, 517), kind), vectors(3, 517)
-    call = jax.jit(jax.vmap(reduced.product, (None, 0)))
+    weight, x = reduced.reduce(matrix(1031, 517), kind), vectors(517, 3)
+    call = jax.jit(reduced.product)
     first = call(weight, jnp.asarray(x))
     check_product(weight, x, first)
     for _ in range(50):
@@ -91,27 +90,33 @@ def test_the_kernel_shares_large_weights_among_threads(kernel, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_batch_of_batches_and_clips_last(kernel, kind):
-    weight, x = reduced.reduce(matrix(5, 70), kind), vectors(2, 3, 70)
+def test_batches_of_columns(kernel, kind):
+    weight, x = reduced.reduce(matrix(5, 70), kind), vectors(2, 3, 70, 4)
     both = jax.vmap(jax.vmap(reduced.product, (None, 0)), (None, 0))(weight, jnp.asarray(x))
-    last = jax.vmap(reduced.product, (None, -1), -1)(weight, jnp.asarray(x[0].T))
     check_product(weight, x, both)
-    np.testing.assert_allclose(last.T, both[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_many_columns_are_rounded_to_bfloat16(kernel, kind):
+    weight, x = reduced.reduce(matrix(33, 70), kind), vectors(70, reduced.MANY)
+    y = reduced.product(weight, jnp.asarray(x))
+    check_product(weight, x, y, 2.0**-9 + ROUNDING)
+    check_product(weight, np.asarray(jnp.asarray(x, jnp.bfloat16), np.float32), y)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_powers_of_two_pass_through(kernel, kind):
-    weight, x = reduced.reduce(matrix(6, 100), kind), jnp.asarray(vectors(100))
+    weight, x = reduced.reduce(matrix(6, 100), kind), jnp.asarray(vectors(100, 1))
     for power in (-60, 60):
         scaled = reduced.product(weight, x * 2.0**power)
         np.testing.assert_allclose(scaled, reduced.product(weight, x) * 2.0**power, rtol=1e-6)
-    np.testing.assert_array_equal(reduced.product(weight, 0.0 * x), np.zeros(6))
+    np.testing.assert_array_equal(reduced.product(weight, 0.0 * x), np.zeros((6, 1)))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_what_is_not_finite_is_seen_behind_the_kernel(kernel, kind, bad):
-    weight, x = reduced.reduce(matrix(6, 100), kind), jnp.asarray(vectors(100)).at[7].set(bad)
+    weight, x = reduced.reduce(matrix(6, 100), kind), jnp.asarray(vectors(100, 1)).at[7].set(bad)
     assert not np.isfinite(reduced.product(weight, x)).any()
 
 
@@ -122,9 +127,9 @@ def test_inside_a_loop_the_weight_stays_small(kernel, kind):
     def loop(weight, x):
         return jax.lax.scan(lambda x, _: (jnp.tanh(reduced.product(weight, x)), x), x, length=5)
 
-    compiled = jax.jit(loop).lower(weight, jnp.ones(96)).compile()
-    last, seen = compiled(weight, jnp.ones(96))
-    x = np.ones(96)
+    compiled = jax.jit(loop).lower(weight, jnp.ones((96, 1))).compile()
+    last, seen = compiled(weight, jnp.ones((96, 1)))
+    x = np.ones((96, 1))
     for row in seen:
         np.testing.assert_allclose(row, x, atol=1e-5)
         x = np.tanh(exact(weight, x))
@@ -137,13 +142,13 @@ def test_inside_a_loop_the_weight_stays_small(kernel, kind):
 def test_batched_weights_are_refused(kernel, kind):
     weights = jax.tree.map(lambda *rows: jnp.stack(rows), *[reduced.reduce(matrix(3, 4, s), kind) for s in range(2)])
     with pytest.raises(Exception, match="batch the columns instead"):
-        jax.block_until_ready(jax.vmap(reduced.product)(weights, jnp.ones((2, 4))))
+        jax.block_until_ready(jax.vmap(reduced.product)(weights, jnp.ones((2, 4, 1))))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_without_a_compiler_the_numbers_are_the_same(without_compiler, kind):
     assert "no C++ compiler was found" in native.problem()
-    weight, x = matrix(300, 260), vectors(260)
+    weight, x = matrix(300, 260), vectors(260, 2)
     small = reduced.reduce(weight, kind)
     settled = reduced.with_precision({"w": jnp.asarray(weight)}, kind)["w"]
     np.testing.assert_array_equal(settled, reduced.restore(small))
@@ -161,7 +166,7 @@ def test_only_large_matrices_are_reduced(kernel):
 
 
 def test_plain_weights_are_multiplied_plainly():
-    weight, x = jnp.asarray(matrix(4, 5)), jnp.asarray(vectors(5))
+    weight, x = jnp.asarray(matrix(4, 5)), jnp.asarray(vectors(5, 2))
     np.testing.assert_array_equal(reduced.product(weight, x), weight @ x)
 
 

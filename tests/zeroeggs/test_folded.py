@@ -139,7 +139,8 @@ def compiled(folded, config, frames, batch=()):
     hidden, layers = config.hidden, config.layers
     shape = lambda *s: jax.ShapeDtypeStruct((*s, *batch), jnp.float32)  # noqa: E731
     root = d.poses.Root(shape(3), shape(4))
-    state = f.FoldedState(root, shape(layers, hidden), shape(layers, 3 * hidden), shape(4 * hidden))
+    each = tuple(shape(hidden) for _ in range(layers)), tuple(shape(3 * hidden) for _ in range(layers))
+    state = f.FoldedState(root, *each, shape(4 * hidden))
     run = jax.jit(f.advance_many if batch else f.advance, static_argnums=1, donate_argnums=2)
     given = d.Frame(shape(frames, 64), shape(frames, 64), shape(frames, 3))
     return run.lower(folded, config, state, given).compile().as_text()

@@ -1,4 +1,4 @@
-// y[b, n] = sum_k weight[n, k] * x[b, k], weights in bfloat16 or in int8 with a scale per row, at the memory's speed.
+// y[n, b] = sum_k weight[n, k] * x[k, b], weights in bfloat16 or in int8 with a scale per row, at the memory's speed.
 //
 // Each weight is read once, whatever the number of columns b. The vectors are those of GCC and Clang, which split them
 // where the machine's are shorter; `native.py` compiles this file for the machine it runs on, when it is first asked to.
@@ -84,6 +84,16 @@ using Floats = Lanes<kBytes>::Type;
 
 inline int64_t blocks(int64_t n, int64_t size) { return (n + size - 1) / size; }
 
+// Where the entries of y go, [lead, rows, columns]: from one row and one of all lead * columns columns on.
+struct Place {
+  float* y;
+  int64_t rows, columns, row, column;
+  float& operator()(int64_t r, int64_t c) const {
+    const int64_t at = column + c;
+    return y[(at / columns * rows + row + r) * columns + at % columns];
+  }
+};
+
 // Weights of `kParts` to a 32-bit word, each turned into float32. Of every block of a column lie first the entries that
 // meet the words' first parts, then those that meet the second: so no vector is ever shuffled.
 template <class Entry, int kParts, Floats (*kPart)(Words, int)>
@@ -94,14 +104,15 @@ struct Plain {
 
   struct Column {
     std::vector<float> parted;
-    void set(const float* x, int64_t k) {
+    void set(const float* x, int64_t k, int64_t step) {
       parted.assign(blocks(k, kBlock) * kBlock, 0.0f);
-      for (int64_t i = 0; i < k; ++i) parted[i / kBlock * kBlock + i % kParts * kLanes + i % kBlock / kParts] = x[i];
+      for (int64_t i = 0; i < k; ++i)
+        parted[i / kBlock * kBlock + i % kParts * kLanes + i % kBlock / kParts] = x[i * step];
     }
   };
 
   template <int R, int C>
-  static void tile(const Weight* weight, int64_t k, const Column* x, const float* scale, float* y, int64_t stride) {
+  static void tile(const Weight* weight, int64_t k, const Column* x, const float* scale, const Place& y) {
     Floats total[R][C] = {};
     auto add = [&](int64_t at, auto read) {
       for (int r = 0; r < R; ++r) {
@@ -117,7 +128,7 @@ struct Plain {
     for (int64_t at = 0; at < whole; at += kBlock) add(at, [](const Weight* w) { return load<Words>(w); });
     if (whole < k) add(whole, [&](const Weight* w) { return load_part<Words>(w, (k - whole) * sizeof(Weight)); });
     for (int r = 0; r < R; ++r)
-      for (int c = 0; c < C; ++c) y[c * stride + r] = sum<kBytes>(total[r][c]) * (scale ? scale[r] : 1.0f);
+      for (int c = 0; c < C; ++c) y(r, c) = sum<kBytes>(total[r][c]) * (scale ? scale[r] : 1.0f);
   }
 };
 
@@ -140,9 +151,9 @@ struct Int8 {
   struct Column {
     std::vector<uint8_t> digits[kDigits];
     float unit;
-    void set(const float* x, int64_t k) {
+    void set(const float* x, int64_t k, int64_t step) {
       uint32_t top = 0;  // the magnitudes of floats are in the order of their bits; above all numbers are inf and nan
-      for (int64_t i = 0; i < k; ++i) top = std::max(top, as<uint32_t>(x[i]) & 0x7fffffffu);
+      for (int64_t i = 0; i < k; ++i) top = std::max(top, as<uint32_t>(x[i * step]) & 0x7fffffffu);
       const bool finite = top < 0x7f800000u;
       const float largest = as<float>(top);
       unit = finite ? largest / (kMiddle - 1) : std::nanf("");
@@ -150,7 +161,7 @@ struct Int8 {
       for (auto& digit : digits) digit.assign(blocks(k, kBlock) * kBlock, 0);
       uint8_t *low = digits[0].data(), *middle = digits[1].data(), *high = digits[2].data();
       for (int64_t i = 0; i < k; ++i) {  // 1.5 * 2^23 rounds to an integer, whose value the mantissa then is
-        const uint32_t bits = as<uint32_t>(x[i] * per_unit + 12582912.0f);
+        const uint32_t bits = as<uint32_t>(x[i * step] * per_unit + 12582912.0f);
         low[i] = bits;
         middle[i] = bits >> 8;
         high[i] = bits >> 16 & 0x7f;
@@ -168,7 +179,7 @@ struct Int8 {
   }
 
   template <int R, int C>
-  static void tile(const Weight* weight, int64_t k, const Column* x, const float* scale, float* y, int64_t stride) {
+  static void tile(const Weight* weight, int64_t k, const Column* x, const float* scale, const Place& y) {
     Ints total[R][C][kDigits] = {}, plain[R] = {};
     const Words ones = Words{} + 0x01010101u;
     auto add = [&](int64_t at, auto read) {
@@ -188,7 +199,7 @@ struct Int8 {
       for (int c = 0; c < C; ++c) {  // the middle, 64 in the third byte, is taken off before anything is rounded
         const Floats value = number(total[r][c][0]) + 256.0f * number(total[r][c][1]) +
                              65536.0f * number(total[r][c][2] - 64 * plain[r]);
-        y[c * stride + r] = sum<kBytes>(value) * x[c].unit * scale[r];
+        y(r, c) = sum<kBytes>(value) * x[c].unit * scale[r];
       }
   }
 };
@@ -206,7 +217,7 @@ struct Job {
   const float* scale;
   const typename Kind::Column* x;
   float* y;
-  int64_t rows, k, columns, portion;  // portion: rows taken at a time
+  int64_t rows, k, lead, columns, portion;  // portion: rows taken at a time
   std::atomic<int64_t> taken{0}, done{0};
 
   int64_t portions() const { return blocks(rows, portion); }
@@ -227,9 +238,9 @@ struct Job {
     const auto* w = weight + row * k;
     const float* s = scale ? scale + row : nullptr;
     int64_t c = 0;
-    for (; c + Kind::kTile <= columns; c += Kind::kTile)
-      Kind::template tile<R, Kind::kTile>(w, k, x + c, s, y + c * rows + row, rows);
-    for (; c < columns; ++c) Kind::template tile<R, 1>(w, k, x + c, s, y + c * rows + row, rows);
+    for (; c + Kind::kTile <= lead * columns; c += Kind::kTile)
+      Kind::template tile<R, Kind::kTile>(w, k, x + c, s, Place{y, rows, columns, row, c});
+    for (; c < lead * columns; ++c) Kind::template tile<R, 1>(w, k, x + c, s, Place{y, rows, columns, row, c});
   }
 };
 
@@ -237,23 +248,24 @@ struct Job {
 template <class Kind, class Weight>
 ffi::Error product(ffi::ThreadPool pool, const Weight& weight, const float* scale, ffi::Buffer<ffi::F32>& x,
                    ffi::Result<ffi::Buffer<ffi::F32>>& y) {
-  const auto shape = weight.dimensions();
-  if (shape.size() < 2 || x.dimensions().size() + 1 != shape.size())
-    return ffi::Error::InvalidArgument("a weight [N, K] and columns [B, K] were expected");
-  const int64_t rows = shape[shape.size() - 2], k = shape.back();
+  const auto shape = weight.dimensions(), given = x.dimensions();
+  if (shape.size() < 2 || given.size() != shape.size())
+    return ffi::Error::InvalidArgument("a weight [N, K] and columns [K, B] were expected");
+  const int64_t rows = shape[shape.size() - 2], k = shape.back(), columns = given.back();
   if (static_cast<int64_t>(weight.element_count()) != rows * k)
     return ffi::Error::InvalidArgument("a reduced weight was batched by vmap; batch the columns instead");
-  if (x.dimensions().back() != k || k > kMostColumns)
+  if (given[given.size() - 2] != k || k > kMostColumns)
     return ffi::Error::InvalidArgument("the columns do not fit the weight, or it has more than 65536 of them");
-  const int64_t columns = k ? x.element_count() / k : 0;
+  const int64_t lead = k && columns ? x.element_count() / (k * columns) : 0;
   thread_local std::vector<typename Kind::Column> prepared;
-  if (static_cast<int64_t>(prepared.size()) < columns) prepared.resize(columns);
-  for (int64_t c = 0; c < columns; ++c) prepared[c].set(x.typed_data() + c * k, k);
+  if (static_cast<int64_t>(prepared.size()) < lead * columns) prepared.resize(lead * columns);
+  for (int64_t c = 0; c < lead * columns; ++c)
+    prepared[c].set(x.typed_data() + c / columns * k * columns + c % columns, k, columns);
 
   auto job = std::make_shared<Job<Kind>>();
   job->weight = reinterpret_cast<const typename Kind::Weight*>(weight.untyped_data());
   job->scale = scale, job->x = prepared.data(), job->y = y->typed_data();
-  job->rows = rows, job->k = k, job->columns = columns;
+  job->rows = rows, job->k = k, job->lead = lead, job->columns = columns;
   const int64_t row_bytes = std::max<int64_t>(1, k * sizeof(typename Kind::Weight));
   job->portion = std::max<int64_t>(kRows, kPortion / row_bytes / kRows * kRows);
   const int64_t helpers = std::min(pool.num_threads(), job->portions()) - 1;

@@ -39,10 +39,10 @@ def problem() -> str | None:
     return None
 
 
-def call(target: str, rows: int, *arrays: Array) -> Float[Array, " N"]:
-    """The kernel's product 'bfloat16' (weight, x) or 'int8' (weight, scale, x); only without a `problem`."""
-    shape = jax.ShapeDtypeStruct((rows,), jnp.float32)
-    return jax.ffi.ffi_call(_target(target), shape, vmap_method="expand_dims")(*arrays)
+def call(target: str, weight: Array, *arrays: Array) -> Float[Array, "N B"]:
+    """The kernel's product 'bfloat16' (weight, x) or 'int8' (weight, scale, x), x [K, B]; only without a `problem`."""
+    shape = jax.ShapeDtypeStruct((weight.shape[0], arrays[-1].shape[1]), jnp.float32)
+    return jax.ffi.ffi_call(_target(target), shape, vmap_method="expand_dims")(weight, *arrays)
 
 
 def cache_folder() -> Path:

@@ -9,14 +9,12 @@
 Weights are arguments of the executable and stand on the left: `x @ W.T` in a loop copies W at every frame.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from ..data import scale
@@ -59,9 +57,9 @@ class FoldedState(NamedTuple):
     """What a frame hands on to the next; the joints of its pose only as what they add to the next products."""
 
     root: Root
-    hidden: Float[Array, "L H"]
-    gates: Float[Array, "L G"]  # W_hh h + b_hh
-    projected: Float[Array, " W"]  # the pose's columns of the dense layer and of the first gates, multiplied
+    hidden: tuple[Float[Array, "H *B"], ...]  # of every layer
+    gates: tuple[Float[Array, "G *B"], ...]  # W_hh h + b_hh
+    projected: Float[Array, "W *B"]  # the pose's columns of the dense layer and of the first gates, multiplied
 
 
 def fits(config: DecoderConfig) -> bool:
@@ -133,51 +131,35 @@ def begin(params: Any, folded: Folded, config: DecoderConfig, scales: Scales, fi
     columns = (net["dense_in"]["weight"], net["gru"]["layer0"]["weight_ih"][:, config.hidden :])
     projected = jnp.concatenate([weight[:, :size] @ seen for weight in columns])
     own = zip(folded.layers, state.hidden, strict=True)
-    gates = [_apply(layer, h)[-3 * config.hidden :] for layer, h in own]
-    return FoldedState(first.root, state.hidden, jnp.stack(gates), projected)
+    gates = tuple(_apply(layer, h[:, None])[-3 * config.hidden :, 0] for layer, h in own)
+    return FoldedState(first.root, tuple(state.hidden), gates, projected)
 
 
 def advance(folded: Folded, config: DecoderConfig, state: FoldedState, given: Frame) -> tuple[FoldedState, Pose]:
     """K frames on: the state after them, and their poses; `given` has a leading axis of K."""
-    return _advance(lambda one: one, folded, config, state, given)
+    column = jax.tree.map(lambda a: jnp.asarray(a)[..., None], (state, given))
+    return jax.tree.map(lambda a: a[..., 0], advance_many(folded, config, *column))
 
 
 def advance_many(folded: Folded, config: DecoderConfig, state: FoldedState, given: Frame) -> tuple[FoldedState, Pose]:
     """K frames on in B clips at once; the clips are the last axis of all arrays of `state`, `given` and the poses."""
-    return _advance(partial(jax.vmap, in_axes=-1, out_axes=-1), folded, config, state, given)
-
-
-def _advance(
-    each: Callable[[Callable], Callable], folded: Folded, config: DecoderConfig, state: FoldedState, given: Frame
-) -> tuple[FoldedState, Pose]:
-    """`each` makes of a function of one clip that of all."""
-
-    def told(given: Frame) -> Float[Array, "K W"]:
-        known = jnp.concatenate([given.speech, given.style], -1)
-        return jax.vmap(partial(_apply, folded.given))(known)
-
-    def shown(moved: tuple[Root, Array, Array]) -> Pose:
-        root, velocity, output = moved
-        joints = jax.vmap(partial(_apply, folded.joints))(output)
-        return poses.from_vector(jnp.concatenate([velocity, joints], -1), root)
-
-    def frame(state: FoldedState, x: tuple[Array, ArrayLike]) -> tuple[FoldedState, tuple[Root, Array, Array]]:
-        return _frame(folded, config, state, *x)
-
-    def step(state: FoldedState, x: tuple[Array, ArrayLike]) -> tuple[FoldedState, tuple[Root, Array, Array]]:
-        return each(frame)(state, x)
-
-    state, moved = jax.lax.scan(step, state, (each(told)(given), given.target))
-    return state, each(shown)(moved)
+    known = jnp.concatenate([given.speech, given.style], axis=1)
+    told = jax.vmap(partial(_apply, folded.given))(known)
+    state, (root, velocity, output) = jax.lax.scan(partial(_frame, folded, config), state, (told, given.target))
+    joints = jax.vmap(partial(_apply, folded.joints))(output)
+    vector = jnp.concatenate([velocity, joints], axis=1)
+    return state, jax.vmap(poses.from_vector, -1, -1)(vector, root)
 
 
 def _frame(
-    folded: Folded, config: DecoderConfig, state: FoldedState, told: Float[Array, " W"], target: Float[ArrayLike, " 3"]
+    folded: Folded, config: DecoderConfig, state: FoldedState, x: tuple[Float[Array, "W B"], Float[Array, "3 B"]]
 ) -> tuple[FoldedState, tuple[Root, Array, Array]]:
-    """One frame: its state; its root, the velocities of the root and the GRU's output."""
+    """One frame: its state; its root, the velocities of the root and the GRU's output. All arrays are columns."""
+    told, target = x
     inputs = state.projected + told
     if config.facing:
-        inputs += folded.gaze @ scale.apply(folded.gaze_in, poses.gaze_direction(state.root, target))
+        seen = scale.apply(folded.gaze_in, jax.vmap(poses.gaze_direction, -1)(state.root, target))
+        inputs += folded.gaze @ seen.T
     ahead = product(folded.embedded, jax.nn.elu(inputs[: config.hidden])) + inputs[config.hidden :]
     hidden, gates = [], []
     for layer, own, last in zip(folded.layers, state.gates, state.hidden, strict=True):
@@ -186,15 +168,16 @@ def _frame(
         ahead, kept = both[: -3 * config.hidden], both[-3 * config.hidden :]
         gates.append(kept)
     velocity = _apply(folded.root, hidden[-1])
-    root = poses.integrate(state.root, velocity[:3], velocity[3:], folded.frame_time)
-    return FoldedState(root, jnp.stack(hidden), jnp.stack(gates), ahead), (root, velocity, hidden[-1])
+    moved = partial(poses.integrate, frame_time=folded.frame_time)
+    root = jax.vmap(moved, -1, -1)(state.root, velocity[:3], velocity[3:])
+    return FoldedState(root, tuple(hidden), tuple(gates), ahead), (root, velocity, hidden[-1])
 
 
-def _apply(layer: Product, x: Float[Array, " in"]) -> Float[Array, " out"]:
-    return product(layer.weight, x) + layer.bias
+def _apply(layer: Product, x: Float[Array, "in B"]) -> Float[Array, "out B"]:
+    return product(layer.weight, x) + layer.bias[:, None]
 
 
-def _gru(x: Float[Array, " G"], own: Float[Array, " G"], hidden: Float[Array, " H"]) -> Float[Array, " H"]:
+def _gru(x: Float[Array, "G B"], own: Float[Array, "G B"], hidden: Float[Array, "H B"]) -> Float[Array, "H B"]:
     """`nn.layers.GRUCell` from its two products."""
     (reset_x, update_x, new_x), (reset_h, update_h, new_h) = (jnp.split(a, 3) for a in (x, own))
     update = jax.nn.sigmoid(update_x + update_h)
