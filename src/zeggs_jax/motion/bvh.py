@@ -4,6 +4,7 @@ Degrees and file layout stay in here: a `Clip` holds radians and centimetres. A 
 replace its OFFSET, axis by axis, as in the release; End Sites are not joints.
 """
 
+import codecs
 import os
 import re
 import warnings
@@ -11,11 +12,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from zeggs_jax.motion import decimals
 from zeggs_jax.motion.skeleton import Skeleton
 
 ROWS = 64  # frames that are written at a time
+HEAD = 4096  # bytes behind MOTION in which its two lines stand
 
 
 class Clip(NamedTuple):
@@ -55,10 +58,7 @@ def read(path: str | Path) -> Clip:
     raw = path.read_bytes()
     if b"\0" in raw:
         raise ValueError(f"'{path.name}' is not a BVH file: it holds binary data, a BVH is plain text.")
-    try:
-        return parse(raw.decode("utf-8-sig"), path.name)
-    except UnicodeDecodeError:
-        return parse(raw.decode("latin-1"), path.name)
+    return _parse(raw, path.name)
 
 
 def write(path: str | Path, clip: Clip, translations: bool = False) -> None:
@@ -86,21 +86,37 @@ def write(path: str | Path, clip: Clip, translations: bool = False) -> None:
 
 def parse(text: str, name: str = "BVH text") -> Clip:
     """The clip in BVH `text`; `name` stands for the file in error messages."""
-    if not text.strip():
+    return _parse(text.encode(), name)
+
+
+def _parse(raw: bytes, name: str) -> Clip:
+    """The clip in a file's bytes: only what stands before its numbers becomes text, for they are many."""
+    raw = raw.removeprefix(codecs.BOM_UTF8)
+    if not raw or raw.isspace():
         raise ValueError(f"'{name}' is empty; a BVH begins with the word HIERARCHY.")
-    hierarchy, *motion = re.split(r"^[ \t]*MOTION[ \t]*$", text.replace("\r", "\n"), maxsplit=1, flags=re.M | re.I)
+    raw = raw.replace(b"\r", b"\n")
+    motion = re.search(rb"^[ \t]*MOTION[ \t]*$", raw, flags=re.M | re.I)
+    hierarchy = _text(raw[: motion.start() if motion else len(raw)])
     if not re.match(r"\s*HIERARCHY\b", hierarchy, flags=re.I):
-        raise ValueError(f"'{name}' is not a BVH file: it begins with {text.split()[0][:20]!r}, not HIERARCHY.")
+        first = hierarchy.split()[0] if hierarchy.strip() else "MOTION"
+        raise ValueError(f"'{name}' is not a BVH file: it begins with {first[:20]!r}, not HIERARCHY.")
     if not motion:
         raise ValueError(f"'{name}' has a HIERARCHY but no MOTION; it was cut off or holds no motion.")
     joints = _hierarchy(hierarchy, name)
     names, parents, offsets, channels = zip(*joints, strict=True)
-    frame_time, values = _frames(motion[0], joints, name)
+    frame_time, values = _frames(memoryview(raw)[motion.end() :], joints, name)
     try:
         skeleton = Skeleton(names, parents, np.asarray(offsets))
     except ValueError as error:
         raise ValueError(f"'{name}' has a hierarchy that cannot be used: {error}") from None
     return _clip(skeleton, channels, values, frame_time)
+
+
+def _text(raw: bytes) -> str:
+    try:
+        return raw.decode()
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
 
 
 def _hierarchy(text: str, name: str) -> list[_Joint]:
@@ -152,8 +168,9 @@ def _channels(words: list[str], count: int) -> list[str]:
     return channels
 
 
-def _frames(text: str, joints: list[_Joint], name: str) -> tuple[float, Float[np.ndarray, "T C"]]:
+def _frames(raw: memoryview, joints: list[_Joint], name: str) -> tuple[float, Float[np.ndarray, "T C"]]:
     """Frame time and the block of numbers, one row per frame."""
+    text = bytes(raw[:HEAD]).decode("latin-1")
     frames = re.match(r"\s*Frames[ \t]*:?[ \t]*(\d+)[ \t]*$", text, flags=re.M | re.I)
     if frames is None:
         raise ValueError(f"'{name}' has no line 'Frames: N' after MOTION.")
@@ -169,10 +186,11 @@ def _frames(text: str, joints: list[_Joint], name: str) -> tuple[float, Float[np
     count, width = int(frames[1]), sum(len(joint.channels) for joint in joints)
     if not count or not width:
         raise ValueError(f"'{name}' holds no motion: {count} frames of {width} channels.")
-    block = text[frames.end() + time.end() :]
-    values = _numbers(block)
+    block = raw[frames.end() + time.end() :]
+    values = decimals.read(block)
+    values = _numbers(_text(bytes(block))) if values is None else values
     if values is None or values.size != count * width:
-        raise ValueError(f"'{name}' {_what_is_wrong(block, count, width)}")
+        raise ValueError(f"'{name}' {_what_is_wrong(_text(bytes(block)), count, width)}")
     values = values.reshape(count, width)
     if not np.isfinite(values).all():
         frame, column = np.argwhere(~np.isfinite(values))[0]
@@ -217,20 +235,24 @@ def _clip(skeleton: Skeleton, channels: tuple[list[str], ...], values: np.ndarra
     letters = ["".join(c[0] for c in joint if c.endswith("rotation")) for joint in channels]
     usual = max((o for o in letters if len(o) == 3), key=letters.count, default="zyx")
     orders = tuple(order + "".join(x for x in usual if x not in order) for order in letters)
-    euler = np.zeros((len(values), len(skeleton), 3))
-    positions = np.tile(skeleton.offsets, (len(values), 1, 1))
-    turns: list[tuple[int, int, int]] = []  # column, joint, axis
-    places: list[tuple[int, int, int]] = []
+    turns, places = np.full((2, len(skeleton), 3), -1)  # column of each joint's axes; -1: none
     flat = [(joint, channel) for joint, listed in enumerate(channels) for channel in listed]
     for column, (joint, channel) in enumerate(flat):
         if channel.endswith("rotation"):
-            turns.append((column, joint, orders[joint].index(channel[0])))
+            turns[joint, orders[joint].index(channel[0])] = column
         elif channel.endswith("position"):
-            places.append((column, joint, "xyz".index(channel[0])))
-    for found, made in ((turns, euler), (places, positions)):
-        column, joint, axis = np.array(found, int).reshape(-1, 3).T
-        made[:, joint, axis] = values[:, column]
-    return Clip(skeleton, orders, np.radians(euler, out=euler), positions, frame_time)
+            places[joint, "xyz".index(channel[0])] = column
+    euler = _placed(values, turns, np.zeros_like(skeleton.offsets))
+    return Clip(skeleton, orders, np.radians(euler, out=euler), _placed(values, places, skeleton.offsets), frame_time)
+
+
+def _placed(values: Float[np.ndarray, "T C"], columns: Int[np.ndarray, "J 3"], without: Float[np.ndarray, "J 3"]):
+    """The values of some columns, [T, J, 3], and for a joint that has none what it is `without` one."""
+    if (columns >= 0).all():
+        return values.take(columns, axis=1)
+    placed = np.tile(without, (len(values), 1, 1))
+    placed[:, columns >= 0] = values[:, columns[columns >= 0]]
+    return placed
 
 
 def format(clip: Clip, translations: bool = False) -> str:
