@@ -111,7 +111,8 @@ def ours(precision: reduced.Precision, batch: int, frames: int) -> tuple[Callabl
         for piece in pieces:
             last, poses = run(weights, CONFIG.decoder, last, piece)
             made.append(poses.joint_pos)
-        return np.concatenate([np.asarray(a).reshape(len(a), -1, batch) for a in jax.block_until_ready(made)])
+        made = [np.asarray(a).reshape(batch, folded.CHUNK, -1) for a in jax.block_until_ready(made)]
+        return np.moveaxis(np.concatenate(made, axis=1), 0, -1)
 
     inside = (weights.embedded, weights.layers, weights.root, weights.gaze)
     before = (weights.given, weights.joints)

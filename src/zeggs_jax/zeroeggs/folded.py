@@ -58,8 +58,7 @@ class FoldedState(NamedTuple):
 
     root: Root
     hidden: tuple[Float[Array, "H *B"], ...]  # of every layer
-    gates: tuple[Float[Array, "G *B"], ...]  # W_hh h + b_hh
-    projected: Float[Array, "W *B"]  # the pose's columns of the dense layer and of the first gates, multiplied
+    products: tuple[Float[Array, "R *B"], ...]  # of every layer's weight with it, without the bias
 
 
 def fits(config: DecoderConfig) -> bool:
@@ -130,25 +129,26 @@ def begin(params: Any, folded: Folded, config: DecoderConfig, scales: Scales, fi
     seen = decoder.observe(first, given.target, scales.pose_in)[:size]
     columns = (net["dense_in"]["weight"], net["gru"]["layer0"]["weight_ih"][:, config.hidden :])
     projected = jnp.concatenate([weight[:, :size] @ seen for weight in columns])
-    own = zip(folded.layers, state.hidden, strict=True)
-    gates = tuple(_apply(layer, h[:, None])[-3 * config.hidden :, 0] for layer, h in own)
-    return FoldedState(first.root, tuple(state.hidden), gates, projected)
+    made = [product(layer.weight, h[:, None])[:, 0] for layer, h in zip(folded.layers, state.hidden, strict=True)]
+    gates, last = -3 * config.hidden, folded.layers[-1].bias
+    made[-1] = jnp.concatenate([projected - last[:gates], made[-1][gates:]])
+    return FoldedState(first.root, tuple(state.hidden), tuple(made))
 
 
 def advance(folded: Folded, config: DecoderConfig, state: FoldedState, given: Frame) -> tuple[FoldedState, Pose]:
     """K frames on: the state after them, and their poses; `given` has a leading axis of K."""
-    column = jax.tree.map(lambda a: jnp.asarray(a)[..., None], (state, given))
-    return jax.tree.map(lambda a: a[..., 0], advance_many(folded, config, *column))
+    state, poses = advance_many(folded, config, *jax.tree.map(lambda a: jnp.asarray(a)[..., None], (state, given)))
+    return jax.tree.map(lambda a: a[..., 0], state), jax.tree.map(lambda a: a[0], poses)
 
 
 def advance_many(folded: Folded, config: DecoderConfig, state: FoldedState, given: Frame) -> tuple[FoldedState, Pose]:
-    """K frames on in B clips at once; the clips are the last axis of all arrays of `state`, `given` and the poses."""
+    """K frames on in B clips at once, which are the last axis of `state` and `given`, and the first of the poses."""
     known = jnp.concatenate([given.speech, given.style], axis=1)
     told = jax.vmap(partial(_apply, folded.given))(known)
     state, (root, velocity, output) = jax.lax.scan(partial(_frame, folded, config), state, (told, given.target))
     joints = jax.vmap(partial(_apply, folded.joints))(output)
-    vector = jnp.concatenate([velocity, joints], axis=1)
-    return state, jax.vmap(poses.from_vector, -1, -1)(vector, root)
+    vector, root = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), (jnp.concatenate([velocity, joints], axis=1), root))
+    return state, poses.from_vector(vector, root)
 
 
 def _frame(
@@ -156,21 +156,22 @@ def _frame(
 ) -> tuple[FoldedState, tuple[Root, Array, Array]]:
     """One frame: its state; its root, the velocities of the root and the GRU's output. All arrays are columns."""
     told, target = x
-    inputs = state.projected + told
+    gates = -3 * config.hidden
+    before = [made + layer.bias[:, None] for layer, made in zip(folded.layers, state.products, strict=True)]
+    inputs = before[-1][:gates] + told
     if config.facing:
         seen = scale.apply(folded.gaze_in, jax.vmap(poses.gaze_direction, -1)(state.root, target))
         inputs += folded.gaze @ seen.T
     ahead = product(folded.embedded, jax.nn.elu(inputs[: config.hidden])) + inputs[config.hidden :]
-    hidden, gates = [], []
-    for layer, own, last in zip(folded.layers, state.gates, state.hidden, strict=True):
-        hidden.append(_gru(ahead, own, last))
-        both = _apply(layer, hidden[-1])
-        ahead, kept = both[: -3 * config.hidden], both[-3 * config.hidden :]
-        gates.append(kept)
+    hidden, products = [], []
+    for layer, own, last in zip(folded.layers, before, state.hidden, strict=True):
+        hidden.append(_gru(ahead, own[gates:], last))
+        products.append(product(layer.weight, hidden[-1]))
+        ahead = products[-1][:gates] + layer.bias[:gates, None]
     velocity = _apply(folded.root, hidden[-1])
     moved = partial(poses.integrate, frame_time=folded.frame_time)
     root = jax.vmap(moved, -1, -1)(state.root, velocity[:3], velocity[3:])
-    return FoldedState(root, tuple(hidden), tuple(gates), ahead), (root, velocity, hidden[-1])
+    return FoldedState(root, tuple(hidden), tuple(products)), (root, velocity, hidden[-1])
 
 
 def _apply(layer: Product, x: Float[Array, "in B"]) -> Float[Array, "out B"]:

@@ -114,11 +114,11 @@ def advance_many(
     style: Float[Array, "K Z B"],
     target: Float[Array, "K 3 B"],
 ) -> tuple[State, Pose]:
-    """The same for B clips, which are the last axis of all arrays, of the state and of the poses."""
+    """The same for B clips, which are the last axis of all arrays and of the state, and the first of the poses."""
     each = partial(jax.vmap, in_axes=-1, out_axes=-1)
     given = Frame(each(partial(_heard, run, config, frames=len(style)))(spectrum), style, target)
     if run.folded is None:
-        return each(partial(_step, run, config))(state, given)
+        return jax.vmap(partial(_step, run, config), -1, (-1, 0))(state, given)
     assert isinstance(state, FoldedState)
     return folded.advance_many(run.folded, config.decoder, state, given)
 
@@ -184,7 +184,7 @@ def _together(run: Ready, config: ZeroEggsConfig, clips: Sequence[Told]) -> list
         poses = jax.device_get(poses)
         for number, clip in enumerate(clips):
             if at < len(clip.spectrum):
-                pieces[number].append(jax.tree.map(lambda a, b=number: np.ascontiguousarray(a[..., b]), poses))
+                pieces[number].append(jax.tree.map(lambda a, b=number: a[b], poses))
     return [_joined(parts, len(clip.spectrum)) for parts, clip in zip(pieces, clips, strict=True)]
 
 
