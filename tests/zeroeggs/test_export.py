@@ -7,10 +7,14 @@ import jax
 import numpy as np
 import pytest
 
-from zeggs_jax.zeroeggs import export
-from zeggs_jax.zeroeggs.broadcast import Broadcast
+import exported_step
+from zeggs_jax.motion import features as motion_features
+from zeggs_jax.motion.pose import Root
+from zeggs_jax.speech import features as speech_features
+from zeggs_jax.speech import wav
+from zeggs_jax.zeroeggs import export, synthesis
+from zeggs_jax.zeroeggs import generate as g
 from zeggs_jax.zeroeggs.steering import Request
-from zeggs_jax.zeroeggs.stream import StreamSession
 
 
 @pytest.fixture(scope="module")
@@ -23,50 +27,71 @@ def made(gesturer, request_of):
     return export.step(gesturer, request_of)
 
 
-def rows(wave, session) -> np.ndarray:
-    """All feature rows of a recording, the ends repeated as far as the encoder sees."""
-    from zeggs_jax.speech import features as speech_features
-
-    sees = session.model.config.speech
-    found = speech_features.extract(wave, rate_hz=session.rate)
-    return np.pad(found, ((sees.behind, sees.ahead), (0, 0)), mode="edge")
+@pytest.fixture(scope="module")
+def told(made, gesturer):
+    """The description, as it is read from its file."""
+    return json.loads(json.dumps(export.describe(made, gesturer)))
 
 
-def test_a_loop_over_the_step_is_the_stream(gesturer, made, request_of, clips):
-    from zeggs_jax.speech import wav
+@pytest.fixture(scope="module")
+def wave(clips):
+    return wav.read(clips / "speech.wav")
 
-    wave = wav.read(clips / "speech.wav")
-    session = StreamSession(gesturer, request_of, loudness=wav.loudness(wave))
-    told = list(
-        Broadcast(session).frames(jax.tree.map(lambda *p: np.concatenate(p), session.push(wave), session.flush()))
-    )
-    run, given, seen = jax.jit(made.run), list(made.start.values()), rows(wave, session)
-    for number in range(1, 12):
-        given[0] = seen[number : number + 31]
-        *state, turns, place = run(*given)
-        given[-len(state) :] = state
-        np.testing.assert_allclose(place, told[number]["place"], atol=2e-3)
-        np.testing.assert_allclose(np.abs(np.sum(turns * np.array(told[number]["turns"]), axis=-1)), 1.0, atol=1e-4)
+
+def engine(run, told, wave):
+    """What an engine makes of a recording with the recipe of the example; nothing of the package is called."""
+    seen = told["inputs"][0]["shape"][0]
+    rows = exported_step.speech_rows(wave * wav.gain(wav.loudness(wave)), told)
+    rows = np.pad(rows, ((seen // 2, seen // 2), (0, 0)), mode="edge")
+    return exported_step.perform(run, told, [rows[t : t + seen] for t in range(1, len(rows) - seen + 1)])
+
+
+def assert_as_synthesized(found, gesturer, request_of, wave):
+    """The frames after the first are those of `synthesize`, in the world in which the body starts in the middle."""
+    turns, places, _ = found
+    asked = g.prepare(wave, request_of, gesturer)
+    made = synthesis.synthesize(gesturer, *asked.told)
+    origin = Root(made.root.pos[0], made.root.rot[0] / np.linalg.norm(made.root.rot[0]))
+    rotations, positions = jax.vmap(motion_features.joints, (0, None))(made, origin)
+    assert len(turns) == len(rotations) - 1 > 30
+    turn, place = exported_step.apart(turns, places, rotations[1:], positions[1:, 0])
+    assert turn < 1e-4
+    assert place < 2e-3
+
+
+def test_a_loop_over_the_step_is_what_synthesize_makes(gesturer, made, told, request_of, wave):
+    assert_as_synthesized(engine(lambda given: jax.jit(made.run)(*given), told, wave), gesturer, request_of, wave)
+
+
+@pytest.mark.parametrize("log_mel", [False, True])
+def test_the_recipe_of_the_features_is_ours(told, wave, log_mel):
+    config = speech_features.SpeechFeatureConfig(log_mel=log_mel, normalize_loudness=False)
+    told = told | {"features": told["features"] | {"log_mel": log_mel}}
+    expected = speech_features.extract(wave, rate_hz=told["rate"], config=config)
+    np.testing.assert_allclose(exported_step.speech_rows(wave, told), expected, atol=2e-5)
 
 
 def test_the_description_is_whole(gesturer, made, tmp_path):
     beside = export.write(tmp_path / "step.mlirbc", b"content", made, gesturer)
     assert (tmp_path / "step.mlirbc").read_bytes() == b"content"
     told = json.loads(beside.read_text())
-    assert [one["name"] for one in told["inputs"]] == [*export.NAMES, *told["state"]]
+    assert [one["name"] for one in told["inputs"]] == [*export.NAMES, *told["state"].values()]
     assert [one["name"] for one in told["outputs"]] == [*told["state"], "turns", "place"]
-    shapes = {one["name"]: one["shape"] for one in told["outputs"]}
-    assert shapes["turns"] == [75, 4]
-    for one in told["inputs"]:
-        assert len(one["start"]) == np.prod(one["shape"])
-        assert shapes.get(one["name"], one["shape"]) == one["shape"]
+    ins, outs = ({one["name"]: one["shape"] for one in told[side]} for side in ("inputs", "outputs"))
+    assert outs["turns"] == [75, 4]
+    assert not ins.keys() & outs.keys()  # ONNX has one room of names
+    assert all(outs[out] == ins[into] for out, into in told["state"].items())
+    assert all(len(one["start"]) == np.prod(one["shape"]) for one in told["inputs"])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["step.json", "step.mlirbc"]
 
 
-def test_stablehlo_is_portable_bytecode(made):
+def test_stablehlo_is_portable_bytecode_without_what_is_not_used(made, gesturer):
     content = export.stablehlo(made)
     assert content[:4] == b"ML\xefR"
     assert b"StableHLO_v" in content
+    form = synthesis.ready(gesturer)
+    needed = sum(4 * a.size for a in jax.tree.leaves((form.speech, form.folded)))
+    assert needed < len(content) < 1.1 * needed + 60_000
 
 
 def test_onnx_without_its_extra_is_one_sentence(made, monkeypatch):
@@ -76,16 +101,21 @@ def test_onnx_without_its_extra_is_one_sentence(made, monkeypatch):
 
 
 @pytest.mark.slow
-def test_onnx_gives_the_same_numbers_outside_jax(made):
-    pytest.importorskip("jax2onnx")
-    runtime = pytest.importorskip("onnxruntime")
-    session = runtime.InferenceSession(export.onnx(made))
-    names = [one.name for one in session.get_inputs()]
-    given = list(made.start.values())
-    given[0] = np.random.default_rng(0).normal(size=given[0].shape).astype(np.float32)
-    found = session.run(None, dict(zip(names, given, strict=True)))
-    for ours, theirs in zip(made.run(*given), found, strict=True):
-        np.testing.assert_allclose(theirs, ours, atol=1e-5)
+@pytest.mark.parametrize("ending", ["onnx", "mlirbc"])
+def test_outside_jax_the_same_speech_makes_the_same_motion(
+    gesturer, made, told, request_of, wave, tmp_path, monkeypatch, capsys, ending
+):
+    for name in {"onnx": ("jax2onnx", "onnxruntime"), "mlirbc": ("iree.compiler", "iree.runtime")}[ending]:
+        pytest.importorskip(name)
+    path = tmp_path / f"step.{ending}"
+    export.write(path, (export.onnx if ending == "onnx" else export.stablehlo)(made), made, gesturer)
+    run = exported_step.by_onnxruntime(path) if ending == "onnx" else exported_step.by_iree(path)
+    assert_as_synthesized(engine(run, told, wave), gesturer, request_of, wave)
+    monkeypatch.setattr(sys, "argv", ["exported_step.py", str(path), "--frames", "5"])
+    exported_step.main()
+    out = capsys.readouterr().out
+    assert "against JAX: rotations differ by" in out
+    assert "5 frames of 75 joints" in out
 
 
 @pytest.mark.parametrize(

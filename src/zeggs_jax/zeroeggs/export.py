@@ -3,7 +3,8 @@
 The step's inputs are the speech features around a frame, the style, the target and the state that the frame before
 handed on; its outputs are the next state, each joint's rotation (wxyz) in its parent's frame and the place of joint 0
 (cm, y up, the body starting in the middle and facing +Z). Weights are inside. Beside the file stands a description,
-NAME.json: all inputs and outputs in order, the start of each input, the body, and how the features are made.
+NAME.json: all inputs and outputs in order, the start of each input, which output is which input of the next frame, the
+body, how the features are made, and what the first frames must be (docs/STREAMING.md tells how an engine uses it).
 """
 
 import json
@@ -15,17 +16,23 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jax.tree_util import keystr, tree_leaves_with_path
 from jaxtyping import Array, Float
 
 from ..motion import bvh, features
 from ..motion import pose as poses
 from ..motion.pose import Root
+from ..nn.straight import straightened
+from ..speech import features as speech_features
+from ..speech import wav
+from ..speech.features import SpeechFeatureConfig
 from . import steering, synthesis
 from .decoder import Frame
 from .model import Model
 from .steering import Request
 
 NAMES = ("spectrum", "style", "target")
+CHECKED = 8  # frames after the first pose, in silence, that the description tells the last of
 
 
 class Step(NamedTuple):
@@ -54,7 +61,7 @@ def step(model: Model, request: Request) -> Step:
     given = Frame(np.zeros(config.speech.size, np.float32), point, target)
     state = synthesis.begin(ready, config, first._replace(root=middle), given)
     leaves, form = jax.tree.flatten(state)
-    names = [_name(path) for path, _ in jax.tree_util.tree_leaves_with_path(state)]
+    names = [keystr(path, simple=True, separator="_") for path, _ in tree_leaves_with_path(state)]
 
     def run(spectrum: Array, style: Array, target: Array, *last: Array) -> tuple[Array, ...]:
         after, made = synthesis.advance(
@@ -64,8 +71,10 @@ def step(model: Model, request: Request) -> Step:
         return (*jax.tree.leaves(after), turns, places[0])
 
     spectrum = np.zeros((config.speech.kernel, config.features.size), np.float32)
-    start = dict(zip((*NAMES, *names), (spectrum, point, target, *leaves), strict=True))
-    return Step(run, {name: np.asarray(a, np.float32) for name, a in start.items()}, (*names, "turns", "place"))
+    arrays = [np.asarray(a, np.float32) for a in (spectrum, point, target, *leaves)]
+    start = dict(zip((*NAMES, *names), arrays, strict=True))
+    outputs = (*(f"next_{name}" for name in names), "turns", "place")  # ONNX wants other names than the inputs'
+    return Step(straightened(run, *arrays), start, outputs)
 
 
 def stablehlo(made: Step) -> bytes:
@@ -91,20 +100,42 @@ def onnx(made: Step) -> bytes:
 
 def describe(made: Step, model: Model) -> dict[str, Any]:
     """What has to be known to run the file, as plain values."""
-    shapes = jax.eval_shape(made.run, *made.start.values())
+    config, names = model.config, list(made.start)
+    *_, turns, place = last = _performed(made, CHECKED)
     return {
         "inputs": [
             {"name": name, "shape": list(a.shape), "start": a.ravel().tolist()} for name, a in made.start.items()
         ],
-        "outputs": [{"name": n, "shape": list(s.shape)} for n, s in zip(made.outputs, shapes, strict=True)],
-        "state": list(made.outputs[:-2]),  # outputs that are the inputs of the next frame
-        "rate": bvh.rate_hz(model.config.frame_time),
-        "ahead": model.config.speech.ahead,  # rows of the spectrum that come later than the frame
+        "outputs": [{"name": name, "shape": list(a.shape)} for name, a in zip(made.outputs, last, strict=True)],
+        "state": dict(zip(made.outputs[:-2], names[len(NAMES) :], strict=True)),  # output: input of the next frame
+        "check": {"frames": CHECKED, "turns": turns.tolist(), "place": place.tolist()},
+        "rate": bvh.rate_hz(config.frame_time),
+        "ahead": config.speech.ahead,  # rows of the spectrum that come later than the frame
         "joints": list(model.skeleton.names),
         "parents": list(model.skeleton.parents),
         "offsets": np.round(np.asarray(model.skeleton.offsets, np.float64), 5).tolist(),
-        "features": asdict(model.config.features),
+        "features": asdict(config.features) | {"loudness": wav.TARGET_LUFS, "filters": _filters(config.features)},
     }
+
+
+def _performed(made: Step, frames: int) -> list[np.ndarray]:
+    """The outputs of the last of some frames after the first pose, in silence."""
+    run, (spectrum, style, target, *state) = jax.jit(made.run), made.start.values()
+    said: Any = ()
+    for _ in range(frames):
+        said = run(spectrum, style, target, *state)
+        state = said[:-2]
+    return [np.asarray(a) for a in said]
+
+
+def _filters(config: SpeechFeatureConfig) -> list[dict[str, Any]]:
+    """Each mel band's weights of the spectrum's bins, from the first one that it hears."""
+    rows = speech_features.mel_basis(config)
+    heard = [np.flatnonzero(row) for row in rows]
+    return [
+        {"first": int(at[0]) if at.size else 0, "weights": [float(f"{w:.7g}") for w in row[at]]}
+        for row, at in zip(rows, heard, strict=True)
+    ]
 
 
 def write(path: str | Path, content: bytes, made: Step, model: Model) -> Path:
@@ -120,7 +151,3 @@ def write(path: str | Path, content: bytes, made: Step, model: Model) -> Path:
         finally:
             temporary.unlink(missing_ok=True)
     return beside
-
-
-def _name(path: tuple[Any, ...]) -> str:
-    return "_".join(str(part.name) for part in path)
