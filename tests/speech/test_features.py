@@ -152,3 +152,13 @@ def test_log_features_use_their_range():
 def test_features_that_cannot_be_are_refused(wrong, named):
     with pytest.raises(ValueError, match=named):
         features.SpeechFeatureConfig(**wrong)
+
+
+@pytest.mark.parametrize("changed", [{}, {"mels": 40, "mel_max_hz": 900}, {"rate_hz": 48000, "window": 2400}])
+def test_mel_filters_are_librosas(changed):
+    from librosa.filters import mel
+
+    config = replace(features.RELEASED, **changed)
+    band = {"fmin": config.mel_min_hz, "fmax": config.mel_max_hz}
+    theirs = mel(sr=config.rate_hz, n_fft=config.window, n_mels=config.mels, **band, dtype=np.float64)
+    np.testing.assert_allclose(features.mel_basis(config), theirs, rtol=0, atol=1e-12)

@@ -152,3 +152,14 @@ def test_real_voices_read(shared):
         wave = wav.read(file)
         assert len(wave) > 16000
         assert wav.loudness(wav.normalize_loudness(wave)) == pytest.approx(-20, abs=1e-3)
+
+
+@pytest.mark.parametrize("rate_hz", [16000, 22050, 48000])
+@pytest.mark.parametrize("seconds", [0.4, 0.449, 0.451, 1.26, 7.7])
+def test_loudness_is_what_pyloudnorm_measures(seconds, rate_hz):
+    import pyloudnorm
+
+    rng = np.random.default_rng(round(1000 * seconds))
+    wave = rng.normal(size=round(seconds * rate_hz))
+    wave *= 10.0 ** np.repeat(rng.uniform(-4, 0, wave.size // 2000 + 1), 2000)[: wave.size]  # with pauses
+    assert wav.loudness(wave, rate_hz) == pytest.approx(pyloudnorm.Meter(rate_hz).integrated_loudness(wave), abs=1e-9)

@@ -83,7 +83,8 @@ class LiveFeatures:
         if count > 0 and self._from is not None:
             start = self._next * config.hop - self._from
             windows = np.lib.stride_tricks.sliding_window_view(self._wave[start:], config.window)[:: config.hop][:count]
-            mel = features.mel_amplitude(windows, config) * self._gain_of(np.arange(self._next, until), gains, before)
+            mel = features.mel_amplitude(windows, config, np.fft.rfft)
+            mel = mel * self._gain_of(np.arange(self._next, until), gains, before)
             rows = features.with_energy(features.level(mel, config), config)
             self._frames, self._next = np.concatenate([self._frames, rows]), until
         if self._from is not None:  # the last window's length stays: the end is reflected

@@ -1,27 +1,48 @@
-"""Loudness of a recording that is still going on: gated as ITU-R BS.1770-4 does it, in constant memory."""
+"""Loudness, gated as ITU-R BS.1770-4 does it: of a recording, and in constant memory of one that is still going on."""
 
 import numpy as np
 from jaxtyping import Float
 
-from zeggs_jax.speech import wav
+from zeggs_jax.speech import weighting
 
-STEP_S = 0.1  # a new block of wav.BLOCK_S begins every so often
+BLOCK_S = 0.4  # loudness is gated in blocks of this length
+STEP_S = 0.1  # a new one begins every so often
 OVERLAP = 4  # steps in a block
 SILENT = -70.0  # LUFS; blocks below are not heard
 LOUDEST, BINS = 30.0, 2000  # blocks are counted in bins of 0.05 LU
 QUIETER = 10.0  # LU below the mean of the blocks heard: what lies there is a pause
+PIECE = 40  # steps of a recording that are weighted at a time: they stay in the CPU's cache
+
+
+def integrated(wave: Float[np.ndarray, " n"], rate_hz: int) -> float:
+    """LUFS of a recording of 0.4 s or more; -inf when no block is above the gate of -70 LUFS.
+
+    The last block may reach behind the end, where it hears nothing.
+    """
+    step = round(STEP_S * rate_hz)
+    blocks = int(np.round((wave.size / rate_hz - BLOCK_S) / STEP_S)) + 1
+    energies, state = np.zeros(-(-wave.size // step)), np.zeros(4)
+    for first in range(0, len(energies), PIECE):
+        heard, state = weighting.weigh(rate_hz, wave[first * step : (first + PIECE) * step], state)
+        whole = heard[: heard.size // step * step].reshape(-1, step)
+        rest = heard[whole.size :]
+        energies[first : first + len(whole)] = np.einsum("ks,ks->k", whole, whole)
+        if rest.size:
+            energies[-1] = rest @ rest
+    total = np.concatenate([energies, np.zeros(max(blocks + OVERLAP - 1 - len(energies), 0))])
+    power = np.lib.stride_tricks.sliding_window_view(total, OVERLAP).sum(1)[:blocks] / (OVERLAP * step)
+    heard = power[power >= _power(SILENT)]
+    if not heard.size:
+        return -np.inf
+    return lufs(float(heard[heard > _power(lufs(float(heard.mean())) - QUIETER)].mean()))
 
 
 class RunningLoudness:
-    """What `wav.loudness` says of all samples so far, to 0.1 LU: one number for every 0.1 s, whatever is pushed."""
+    """What `integrated` says of all samples so far, to 0.1 LU: one number for every 0.1 s, whatever is pushed."""
 
-    def __init__(self, rate_hz: int = wav.RATE_HZ):
-        from scipy.signal import sosfilt  # 0.5 s to import: only who measures pays
-
-        self._run = sosfilt
-        self.step = round(STEP_S * rate_hz)
-        self._filter = k_weighting(rate_hz)
-        self._state = np.zeros((len(self._filter), 2))
+    def __init__(self, rate_hz: int = 16_000):
+        self.rate_hz, self.step = rate_hz, round(STEP_S * rate_hz)
+        self._state = np.zeros(4)
         self._squares = np.zeros(0)  # of the step that has begun, filtered
         self._steps: list[float] = []  # energies of the steps that the next block holds
         self._count, self._energy = np.zeros(BINS), np.zeros(BINS)
@@ -30,7 +51,7 @@ class RunningLoudness:
         """LUFS at the end of each step that `wave` completes; -inf as long as all is silence."""
         if not wave.size:
             return []
-        filtered, self._state = self._run(self._filter, np.asarray(wave, np.float64), zi=self._state)
+        filtered, self._state = weighting.weigh(self.rate_hz, wave, self._state)
         squares = np.concatenate([self._squares, filtered**2])
         whole = len(squares) // self.step
         energies = squares[: whole * self.step].reshape(whole, self.step).sum(1)
@@ -63,17 +84,5 @@ def lufs(power: float) -> float:
     return -0.691 + 10.0 * float(np.log10(power)) if power > 0.0 else -np.inf
 
 
-def k_weighting(rate_hz: int) -> Float[np.ndarray, "2 6"]:
-    """The two second-order sections of BS.1770 at any rate: a shelf of 4 dB from 1.5 kHz on, a high pass at 38 Hz.
-
-    Sections as R. Bristow-Johnson's audio equaliser cookbook gives them.
-    """
-    shelf, turn = 10.0 ** (4.0 / 40.0), 2.0 * np.pi / rate_hz
-    cos, alpha = np.cos(1500.0 * turn), np.sin(1500.0 * turn) / np.sqrt(2.0)
-    up, down, root = shelf + 1.0, shelf - 1.0, 2.0 * np.sqrt(shelf) * alpha
-    high = [shelf * (up + down * cos + root), -2.0 * shelf * (down + up * cos), shelf * (up + down * cos - root)]
-    high += [up - down * cos + root, 2.0 * (down - up * cos), up - down * cos - root]
-    cos, alpha = np.cos(38.0 * turn), np.sin(38.0 * turn)
-    low = [0.5 * (1.0 + cos), -(1.0 + cos), 0.5 * (1.0 + cos), 1.0 + alpha, -2.0 * cos, 1.0 - alpha]
-    sections = np.array([high, low])
-    return sections / sections[:, 3:4]
+def _power(lufs: float) -> float:
+    return 10.0 ** ((lufs + 0.691) / 10.0)

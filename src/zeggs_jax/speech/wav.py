@@ -1,7 +1,6 @@
 """Speech as a waveform: any audio file in as 16 kHz mono, its loudness levelled, written out again."""
 
 import os
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,9 +10,10 @@ import soxr
 from jax.typing import ArrayLike
 from jaxtyping import Float, Float32
 
+from zeggs_jax.speech.loudness import BLOCK_S, integrated
+
 RATE_HZ = 16000
 TARGET_LUFS = -20.0
-BLOCK_S = 0.4  # loudness is gated in blocks of this length (ITU-R BS.1770-4)
 
 Wave = Float32[np.ndarray, " n"]
 Seconds = float | int
@@ -68,15 +68,9 @@ def loudness(wave: Float[ArrayLike, " n"], rate_hz: int = RATE_HZ) -> float:
 
     A wave shorter than one block of 0.4 s is repeated to fill that block.
     """
-    import pyloudnorm  # 0.8 s to import: only who measures pays
-
     wave = np.asarray(wave, np.float64)
     block = int(np.ceil(BLOCK_S * rate_hz))
-    if wave.size < block:
-        wave = np.resize(wave, block)
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")
-        return float(pyloudnorm.Meter(rate_hz).integrated_loudness(wave))
+    return integrated(np.resize(wave, block) if wave.size < block else wave, rate_hz)
 
 
 def normalize_loudness(
