@@ -5,8 +5,8 @@
 
 Every bundled style to every speech, in float32 and in each precision; the deviation is that of the world positions of
 all joints, and of the same from the hips (a body that has walked on is not wrong in its gesture). Styles are recognised
-as in measure_demo.py. With --golden the networks of the PyTorch release's size and random weights, whose rollouts are
-recorded there, are measured against the recording. Speed is measured by bench_decoder.py.
+as in measure_demo.py. With --golden the networks of the PyTorch release's size and random weights, whose rollouts of 60
+and 600 frames are recorded there, are measured against the recording. Speed is measured by bench_decoder.py.
 """
 
 import argparse
@@ -21,6 +21,7 @@ from measure_demo import TRUTH_SECONDS, TRUTH_SEEDS
 from parity import decoder as recorded
 from parity.golden import read_arrays, read_case
 from parity.networks import parameters, state_dict
+from zeggs_jax.data.scale import Scales
 from zeggs_jax.metrics import kinematic, recognition
 from zeggs_jax.motion import bvh, features
 from zeggs_jax.motion.skeleton import Skeleton
@@ -67,14 +68,21 @@ def bundled(args: argparse.Namespace) -> None:
 
 def golden(folder: Path, reference: Path) -> None:
     """The recorded rollouts of the release's size, in all precisions; smaller networks would not be reduced."""
-    skeleton = bvh.read(folder / "bvh" / "clip.bvh").skeleton
     case = read_case(folder / recorded.STAGE)
-    spec, name = case["configs"]["v1_normal"], "v1_normal.npz"
-    arrays = read_arrays(folder / recorded.STAGE / name)
+    for name in ("v1_normal.npz", "v1_normal_long.npz"):
+        rollouts(name, case, folder, read_scales(read_arrays(reference / "v1" / "stats.npz"), ZeroEggsConfig()))
+
+
+def rollouts(name: str, case: dict, folder: Path, scales: Scales) -> None:
+    """The rollouts of one file; of the long one some frames are recorded."""
+    skeleton = bvh.read(folder / "bvh" / "clip.bvh").skeleton
+    spec, arrays = case["configs"]["v1_normal"], read_arrays(folder / recorded.STAGE / name)
     sizes = recorded.d.DecoderConfig(spec["hidden_size"], spec["num_rnn_layers"], spec["rnn_cond"])
     config = ZeroEggsConfig(frame_time=case["dt"], decoder=sizes)
     params = parameters(recorded.STAGE, state_dict(case, name, arrays, spec), config, np.float32)
-    scales = read_scales(read_arrays(reference / "v1" / "stats.npz"), config)
+    if "speech" not in arrays:
+        arrays["speech"] = recorded._long_speech(case[name.removesuffix(".npz")], spec["speech_encoding_size"])
+    kept = arrays.get("frames", slice(None))
     first, frames = recorded._first(arrays, np.float32), recorded._frames(arrays, np.float32)
     exact = folded.fold(params, sizes, scales, config.frame_time)
     rollout = jax.jit(folded.rollout, static_argnums=2)
@@ -85,8 +93,9 @@ def golden(folder: Path, reference: Path) -> None:
         for clip in range(len(arrays["speech"])):
             one, given = jax.tree.map(lambda a, clip=clip: a[clip], (first, frames))
             poses = recorded._released(rollout(params, form, sizes, scales, one, given))
-            both = ({key: np.asarray(poses[key]) for key in poses}, {key: arrays[f"out_{key}"][clip] for key in poses})
-            pairs.append(deviations(*(world(part, skeleton, config) for part in both)))
+            made = {key: np.asarray(part)[kept] for key, part in poses.items()}
+            expected = {key: arrays[f"out_{key}"][clip] for key in made}
+            pairs.append(deviations(*(world(part, skeleton, config) for part in (made, expected))))
         row(precision, pairs)
 
 
