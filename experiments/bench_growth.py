@@ -1,0 +1,185 @@
+"""How time and memory of generation grow: with the clip's length, clips at once, hidden units, the style clip's length.
+
+    taskset -c 0 python experiments/bench_growth.py -o OUT [--figure FILE.png] [--axes length batch hidden style]
+
+The paper's sizes and random weights but for what varies; every point runs in a process of its own, after one that
+compiled for it. Time is that of the processors, which other work on the machine changes little: the median of five
+runs, or the one where it takes longer than 2 s. Memory is the most that is resident during the runs, and what was
+resident before them: Python, JAX, weights, compiled programs. An hour at 60 Hz takes some minutes; stop it and run it
+again to go on. Needs Linux, whose /proc tells the peak of a part of a process.
+"""
+
+import argparse
+import ctypes
+import json
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+import ledger
+from zeggs_jax.data.scale import Scale, Scales
+from zeggs_jax.motion import pose
+from zeggs_jax.motion.features import Motion
+from zeggs_jax.motion.pose import Pose, Root
+from zeggs_jax.nn import compiled
+from zeggs_jax.stage import plots
+from zeggs_jax.zeroeggs import style_clip, synthesis
+from zeggs_jax.zeroeggs.model import DecoderConfig, Model, ZeroEggsConfig, init
+
+LONG_S, RUNS = 2.0, 5
+CLIP_S, BATCHED_S = 10.0, 2.0  # of speech, where something else varies
+RATE_HZ = 60
+
+
+class Axis(NamedTuple):
+    """What varies."""
+
+    title: str
+    label: str
+    values: tuple[int, ...]
+
+
+AXES = {
+    "length": Axis("Length of the speech", "seconds", (1, 6, 60, 600, 3600)),
+    "batch": Axis(f"Clips at once, {BATCHED_S:g} s each", "clips", (1, 2, 4, 8, 16, 32, 64, 128)),
+    "hidden": Axis(f"Hidden units of the decoder, {CLIP_S:g} s", "units", (128, 256, 512, 1024, 2048)),
+    "style": Axis("Length of the style clip", "seconds", (1, 5, 20, 60, 300)),
+}
+
+
+def paper(hidden: int = 1024) -> Model:
+    """The paper's networks with a decoder of so many units, random weights, scales of a unit."""
+    config = ZeroEggsConfig(decoder=DecoderConfig(hidden))
+    sizes = (config.speech.features, config.vector_size + 3, config.vector_size)
+    scales = Scales(*(Scale(np.zeros(n, np.float32), np.ones(n, np.float32)) for n in sizes))
+    params = jax.tree.map(lambda a: 0.5 * np.asarray(a), init(jax.random.key(0), config))
+    return Model(config, params, scales, None)  # pyright: ignore[reportArgumentType]
+
+
+def still(frames: int) -> Motion:
+    """A random pose, held."""
+    numbers = 0.1 * np.random.default_rng(0).normal(size=ZeroEggsConfig().vector_size).astype(np.float32)
+    place: Any = np.zeros((frames, 3), np.float32), np.tile(np.array([1, 0, 0, 0], np.float32), (frames, 1))
+    gaze: Any = np.array([0, 100, 500], np.float32)
+    return Motion(pose.from_vector(np.tile(numbers, (frames, 1)), Root(*place)), gaze)
+
+
+def told(frames: int) -> synthesis.Told:
+    """Speech and style of so many frames: noise of a second, over and over."""
+    draw = np.random.default_rng(1)
+    heard, style = (draw.normal(size=(RATE_HZ, size)).astype(np.float32) for size in (81, 64))
+    return synthesis.Told(np.resize(heard, (frames, 81)), np.resize(style[:1], (frames, 64)), still(1))
+
+
+def call(axis: str, value: int) -> Callable[[], Any]:
+    """What is measured, ready to run: all is compiled and the weights are where they are used."""
+    model = paper(value if axis == "hidden" else 1024)
+    if axis == "style":
+        motion = still(value * RATE_HZ)
+        run = lambda: jax.block_until_ready(style_clip.encode(model, motion))  # noqa: E731
+        run()
+        return run
+    seconds = {"length": float(value), "batch": BATCHED_S, "hidden": CLIP_S}[axis]
+    count = value if axis == "batch" else 1
+
+    def make(frames: int) -> list[Pose]:
+        return synthesis.synthesize_many(model, [told(frames)] * count)
+
+    make(2)
+    return partial(make, round(seconds * RATE_HZ))
+
+
+def point(axis: str, value: int) -> ledger.Row:
+    """One measurement, in this process."""
+    compiled.keep()
+    run = call(axis, value)
+    ctypes.CDLL(None).malloc_trim(0)  # what compiling and preparing took and nobody holds goes back
+    before = _megabytes("VmRSS")
+    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
+    times, finite = [], True
+    while len(times) < RUNS and sum(times) < LONG_S:
+        start = time.process_time()
+        made = run()
+        times.append(time.process_time() - start)
+        finite = finite and all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(made))
+    if not finite:
+        raise ValueError(f"{axis} {value}: numbers that are not finite came out; times of those mean nothing.")
+    return {"axis": axis, "value": value, "s": statistics.median(times), "MB": _megabytes("VmHWM"), "before_MB": before}
+
+
+def _megabytes(name: str) -> float:
+    """A line of Linux's account of this process."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(f"{name}:")) * 1024 / 1e6
+
+
+def apart(axis: str, value: int) -> ledger.Row:
+    """One measurement in a process of its own, after one whose compiled programs it finds."""
+    words = [sys.executable, __file__, "--point", axis, str(value)]
+    if value != AXES["length"].values[-1]:
+        subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
+    return json.loads(subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout)
+
+
+def table(rows: Sequence[ledger.Row]) -> str:
+    """A line for each point."""
+    body = [
+        [AXES[r["axis"]].title, f"{r['value']:,}", f"{r['s']:.3g}", f"{r['MB']:,.0f}", f"{r['before_MB']:,.0f}"]
+        for r in rows
+    ]
+    return ledger.table(["what varies", "value", "processor s", "peak, MB", "before, MB"], body)
+
+
+def draw(path: Path, rows: Sequence[ledger.Row]) -> None:
+    """A panel for each axis: time to the left, memory to the right, all logarithmic."""
+    of = ledger.grouped(rows, "axis")
+    with plots.sheet(path, plots.PAGE, 0.62 * plots.PAGE) as figure:
+        for axes, (name, found) in zip(np.ravel(figure.subplots(2, 2)), of.items(), strict=False):
+            values = [row["value"] for row in found]
+            memory = axes.twinx()
+            memory.spines["right"].set_visible(True)
+            time_line = axes.plot(values, [row["s"] for row in found], "o-", color=plots.COLOURS[0], markersize=3.5)
+            peak = memory.plot(values, [row["MB"] for row in found], "^-", color=plots.COLOURS[1], markersize=3.5)
+            base = memory.plot(values, [row["before_MB"] for row in found], ":", color=plots.COLOURS[1])
+            axes.set(xscale="log", yscale="log", title=AXES[name].title, xlabel=AXES[name].label)
+            memory.set(yscale="log", ylim=(200, 10_000))
+            axes.set_xticks(values, [f"{value:g}" for value in values])
+            axes.set_xticks([], minor=True)
+            axes.set_ylabel("processor seconds", color=plots.COLOURS[0])
+            memory.set_ylabel("resident memory, MB", color=plots.COLOURS[1])
+            lines = [*time_line, *peak, *base]
+            if name == "length":
+                lines += axes.plot(values, values, "--", color=plots.SOFT, linewidth=0.8)
+            axes.legend(lines, ["time", "memory, peak", "memory before", "as long as the speech"][: len(lines)])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--out", type=Path)
+    parser.add_argument("--axes", nargs="+", choices=AXES, default=list(AXES))
+    parser.add_argument("--figure", type=Path, help="where the plots go; OUT/growth.png when left out")
+    parser.add_argument("--most", type=int, default=3600, help="seconds of the longest speech")
+    parser.add_argument("--point", nargs=2, metavar=("AXIS", "VALUE"), help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.point:
+        print(json.dumps(point(args.point[0], int(args.point[1]))))
+        return
+    if args.out is None:
+        parser.error("-o OUT is needed")
+    asked = [(name, value) for name in args.axes for value in AXES[name].values if value <= args.most]
+    rows = ledger.fill(args.out / "growth.jsonl", {f"{n} {v}": partial(apart, n, v) for n, v in asked}, "points")
+    print(table(rows))
+    ledger.save(args.out / "growth.json", {"jax": jax.__version__, "rows": rows})
+    draw(args.figure or args.out / "growth.png", rows)
+
+
+if __name__ == "__main__":
+    main()
