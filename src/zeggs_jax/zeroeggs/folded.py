@@ -101,7 +101,7 @@ def fold(params: Any, config: DecoderConfig, scales: Scales, frame_time: float) 
         joints=Product(weight[VELOCITIES:], bias[VELOCITIES:]),
         frame_time=_exact(frame_time),
     )
-    return jax.tree.map(lambda a: jnp.asarray(a, dtype), folded)
+    return jax.tree.map(lambda a: jax.device_put(np.asarray(a, dtype)), folded)  # jnp.asarray compiles each shape
 
 
 def _exact(tree: Any) -> Any:
