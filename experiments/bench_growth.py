@@ -141,24 +141,38 @@ def table(rows: Sequence[ledger.Row]) -> str:
 def draw(path: Path, rows: Sequence[ledger.Row]) -> None:
     """A panel for each axis: time to the left, memory to the right, all logarithmic."""
     of = ledger.grouped(rows, "axis")
-    with plots.sheet(path, plots.PAGE, 0.62 * plots.PAGE) as figure:
-        for axes, (name, found) in zip(np.ravel(figure.subplots(2, 2)), of.items(), strict=False):
-            values = [row["value"] for row in found]
-            memory = axes.twinx()
-            memory.spines["right"].set_visible(True)
-            time_line = axes.plot(values, [row["s"] for row in found], "o-", color=plots.COLOURS[0], markersize=3.5)
-            peak = memory.plot(values, [row["MB"] for row in found], "^-", color=plots.COLOURS[1], markersize=3.5)
-            base = memory.plot(values, [row["before_MB"] for row in found], ":", color=plots.COLOURS[1])
-            axes.set(xscale="log", yscale="log", title=AXES[name].title, xlabel=AXES[name].label)
-            memory.set(yscale="log", ylim=(200, 10_000))
-            axes.set_xticks(values, [f"{value:g}" for value in values])
-            axes.set_xticks([], minor=True)
-            axes.set_ylabel("processor seconds", color=plots.COLOURS[0])
-            memory.set_ylabel("resident memory, MB", color=plots.COLOURS[1])
-            lines = [*time_line, *peak, *base]
-            if name == "length":
-                lines += axes.plot(values, values, "--", color=plots.SOFT, linewidth=0.8)
-            axes.legend(lines, ["time", "memory, peak", "memory before", "as long as the speech"][: len(lines)])
+    with plots.sheet(path, plots.PAGE, 0.66 * plots.PAGE) as figure:
+        figure.get_layout_engine().set(wspace=0.06, hspace=0.06)  # pyright: ignore
+        lines: list[Any] = []
+        for number, (name, found) in enumerate(of.items()):
+            lines += panel(figure.add_subplot(2, 2, number + 1), AXES[name], found, first=number % 2 == 0)
+        named = {line.get_label(): line for line in lines}
+        figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=4)
+
+
+def panel(axes: Any, axis: Axis, rows: Sequence[ledger.Row], first: bool) -> list[Any]:
+    """One panel; the `first` of a row names the left scale, the other one the right scale."""
+    blue, red, values = *plots.COLOURS[:2], [row["value"] for row in rows]
+    memory = axes.twinx()
+    memory.spines["right"].set_visible(True)
+    lines = axes.plot(values, [row["s"] for row in rows], "o-", color=blue, markersize=3.5, label="time")
+    lines += memory.plot(values, [row["MB"] for row in rows], "^-", color=red, markersize=3.5, label="memory, at most")
+    lines += memory.plot(values, [row["before_MB"] for row in rows], ":", color=red, label="memory before")
+    if axis is AXES["length"]:
+        lines += axes.plot(values, values, "--", color=plots.SOFT, linewidth=0.8, label="as long as the speech")
+    axes.set(xscale="log", yscale="log", title=axis.title, xlabel=axis.label)
+    memory.set(yscale="log", ylim=(200, 20_000))
+    axes.set_xticks(values, [f"{value:g}" for value in values])
+    axes.set_xticks([], minor=True)
+    for side, colour in ((axes, blue), (memory, red)):
+        low, high = side.get_ylim()
+        ticks = [10.0**power for power in range(-4, 6) if low <= 10.0**power <= high]
+        side.set_yticks(ticks, [f"{tick:,g}" for tick in ticks], color=colour)
+        side.tick_params(axis="y", which="minor", labelleft=False, labelright=False)
+        side.set_ylim(low, high)
+    axes.set_ylabel("processor seconds" if first else "", color=blue)
+    memory.set_ylabel("" if first else "resident memory, MB", color=red)
+    return lines
 
 
 def main() -> None:
