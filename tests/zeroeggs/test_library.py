@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from zeggs_jax.speech import wav
-from zeggs_jax.zeroeggs import embedding, examples, style_clip
+from zeggs_jax.zeroeggs import embedding, examples, generate, style_clip
 from zeggs_jax.zeroeggs import library as libraries
 from zeggs_jax.zeroeggs.library import Entry, Library
 from zeggs_jax.zeroeggs.model import StyleDistribution, ZeroEggsConfig, init
@@ -237,3 +237,16 @@ def test_the_bundled_library_is_of_the_bundled_model():
     assert not any(entry.source.startswith("/") for entry in found.entries)
     happy = style_clip.read_clip(examples.bundled()["happy"], model)
     np.testing.assert_allclose(libraries.find(found, "happy").distribution.mean, happy.distribution.mean, atol=1e-4)
+
+
+def test_a_bundled_style_comes_from_the_library_as_its_clip_would(monkeypatch):
+    model = generate.bundled_model()
+    clip = style_clip.read_clip(examples.bundled()["happy"], model)
+    monkeypatch.setattr(examples, "read_clip", None)  # not read again
+    found = examples.read("happy", model)
+    for stored, read in zip(
+        jax.tree.leaves((found.distribution, found.start)),
+        jax.tree.leaves((clip.distribution, clip.start)),
+        strict=True,
+    ):
+        np.testing.assert_allclose(stored, read, atol=1e-5)

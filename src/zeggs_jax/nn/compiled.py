@@ -15,7 +15,7 @@ import jax
 from .native import cache_folder
 
 FOLDER = "compiled"
-WORTH_KEEPING_S = 0.3  # of compilation; JAX's default of 1 s leaves out half of what a first gesture waits for
+WORTH_KEEPING_S = 0.02  # of compilation; JAX's default of 1 s leaves out half of what a first gesture waits for
 
 
 def keep() -> Path | None:

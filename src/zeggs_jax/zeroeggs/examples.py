@@ -34,6 +34,8 @@ def read(source: str | Path, model: Model, frames: Frames | None = None, library
     if library is not None and known:
         return libraries.find(library, name)
     if name in bundled():
+        if frames is None and libraries.is_bundled(model):  # encoded before, with this model
+            return libraries.find(libraries.bundled(model), name)
         return read_clip(bundled()[name], model, frames)._replace(source=name)
     if path.suffix == ".npz":
         found = libraries.load(path, model)

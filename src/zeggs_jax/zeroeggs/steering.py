@@ -6,6 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from ..motion.features import Motion
@@ -143,9 +144,15 @@ def style_sequence(
         raise ValueError(f"temperature is {request.temperature:g}; give 0 (the mean) or more.")
     if not 0 <= request.seed < 2**32:
         raise ValueError(f"seed is {request.seed}; give a whole number from 0 to {2**32 - 1}.")
-    keys = jax.random.split(jax.random.key(request.seed), len(chosen))
-    drawn = [sample_style(k, e.distribution, request.temperature) for k, e in zip(keys, chosen, strict=True)]
-    return _lay_out(request, jnp.stack(drawn), frames, rate_hz, space)
+    drawn = _drawn(np.uint32(request.seed), [entry.distribution for entry in chosen], request.temperature)
+    return _lay_out(request, drawn, frames, rate_hz, space)
+
+
+@jax.jit
+def _drawn(seed: ArrayLike, styles: list[StyleDistribution], temperature: ArrayLike) -> Float[Array, "K Z"]:
+    """A sample of each style, as one program."""
+    keys = jax.random.split(jax.random.key(seed), len(styles))
+    return jnp.stack([sample_style(key, style, temperature) for key, style in zip(keys, styles, strict=True)])
 
 
 def _lay_out(

@@ -95,7 +95,7 @@ class StreamSession:
         if first_pose is not None:
             request = request._replace(first_pose=first_pose)
         start = steering.starting_pose(request, chosen, model)
-        self.first = jax.tree.map(lambda a: np.asarray(a[0], np.float32), start.pose)
+        self.first = jax.tree.map(lambda a: np.asarray(a, np.float32)[0], start.pose)
         self._target = np.asarray(start.gaze, np.float32)
         self._run, self._state = synthesis.ready(model, precision), None
         self._warm()
@@ -184,7 +184,7 @@ class StreamSession:
         space = steering.read_space(request, self.model)
         chosen = steering.read_styles(request, self.model, space)
         sequence = steering.style_sequence(request, chosen, 1, self.rate, space)
-        return request, chosen, np.asarray(sequence[0], np.float32)
+        return request, chosen, np.asarray(sequence, np.float32)[0]
 
     def _new_resampler(self, rate_hz: float) -> soxr.ResampleStream | None:
         own = self.model.config.features.rate_hz
