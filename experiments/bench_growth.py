@@ -5,8 +5,8 @@
 The paper's sizes and random weights but for what varies; every point runs in a process of its own, after one that
 compiled for it. Time is that of the processors, which other work on the machine changes little: the median of five
 runs, or the one where it takes longer than 2 s. Memory is the most that is resident during the runs, and what was
-resident before them: Python, JAX, weights, compiled programs. An hour at 60 Hz takes some minutes; stop it and run it
-again to go on. Needs Linux, whose /proc tells the peak of a part of a process.
+resident before all: Python, JAX and the weights. An hour at 60 Hz takes some minutes; stop it and run it again to go
+on. Needs Linux, whose /proc tells the peak of a part of a process.
 """
 
 import argparse
@@ -79,30 +79,31 @@ def told(frames: int) -> synthesis.Told:
     return synthesis.Told(np.resize(heard, (frames, 81)), np.resize(style[:1], (frames, 64)), still(1))
 
 
-def call(axis: str, value: int) -> Callable[[], Any]:
-    """What is measured, ready to run: all is compiled and the weights are where they are used."""
-    model = paper(value if axis == "hidden" else 1024)
+def calls(model: Model, axis: str, value: int) -> tuple[Callable[[], Any], Callable[[], Any]]:
+    """What compiles all that is needed, and what is measured."""
     if axis == "style":
         motion = still(value * RATE_HZ)
         run = lambda: jax.block_until_ready(style_clip.encode(model, motion))  # noqa: E731
-        run()
-        return run
+        return run, run
     seconds = {"length": float(value), "batch": BATCHED_S, "hidden": CLIP_S}[axis]
     count = value if axis == "batch" else 1
 
     def make(frames: int) -> list[Pose]:
         return synthesis.synthesize_many(model, [told(frames)] * count)
 
-    make(2)
-    return partial(make, round(seconds * RATE_HZ))
+    return partial(make, 2), partial(make, round(seconds * RATE_HZ))
 
 
 def point(axis: str, value: int) -> ledger.Row:
     """One measurement, in this process."""
     compiled.keep()
-    run = call(axis, value)
-    ctypes.CDLL(None).malloc_trim(0)  # what compiling and preparing took and nobody holds goes back
+    model = paper(value if axis == "hidden" else 1024)
+    if axis != "style":
+        synthesis.ready(model)
+    warm, run = calls(model, axis, value)
+    ctypes.CDLL(None).malloc_trim(0)  # what preparing took and nobody holds goes back
     before = _megabytes("VmRSS")
+    warm()
     Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
     times, finite = [], True
     while len(times) < RUNS and sum(times) < LONG_S:
