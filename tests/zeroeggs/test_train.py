@@ -259,7 +259,12 @@ def draws_of(seed: int, config: t.TrainConfig) -> objective.Draws:
 
 def test_the_loss_of_a_batch_is_the_mean_of_its_clips(example):
     total, metrics = example.loss(example.draws)
-    single = jax.jit(lambda clip, draw: objective.clip_loss(example.params, clip, draw, example.setting))
+
+    @jax.jit
+    def single(clip, draw):
+        predicted, style = objective.unroll(example.params, clip, draw, example.setting)
+        return objective.compare(predicted, clip.poses, clip.gaze, example.setting), objective.losses.kl(style)
+
     pairs = [jax.tree.map(lambda a, i=i: a[i], (example.clips, example.draws)) for i in range(2)]
     alone = [single(*pair) for pair in pairs]
     for name in objective.Terms._fields:

@@ -14,7 +14,7 @@ from flax import linen as nn
 from jaxtyping import Array, Bool, Float, Float32
 
 from .compute import Matmul, operand, precision
-from .layers import Conv, Dense, LayerNorm
+from .layers import Conv, Dense, Dropout, LayerNorm
 
 QUERIES = 512  # frames whose attention is formed at a time
 
@@ -65,7 +65,7 @@ class SelfAttention(nn.Module):
         query, key, value = (a.reshape(frames, self.heads, -1) for a in jnp.split(stacked, 3, axis=-1))
         query, key, value = (operand(a, self.matmul) for a in (query / math.sqrt(width // self.heads), key, value))
         whole = not deterministic and self.dropout > 0  # dropout draws for all queries at once
-        drop = nn.Dropout(self.dropout, deterministic=False)
+        drop = Dropout(self.dropout, False)
 
         def mix(query: Float[Array, "Q h d"]) -> Float[Array, "Q h d"]:
             scores = jnp.einsum("qhd,khd->hqk", query, key, precision=precision(self.matmul))
@@ -89,7 +89,7 @@ class TransformerBlock(nn.Module):
         self, x: Float[Array, "T E"], mask: Bool[Array, " T"], deterministic: bool = True
     ) -> Float[Array, "T E"]:
         width = x.shape[-1]
-        drop = nn.Dropout(self.dropout, deterministic=deterministic)
+        drop = Dropout(self.dropout, deterministic)
         attended = SelfAttention(self.heads, self.dropout, self.matmul, name="attention")(x, mask, deterministic)
         x = LayerNorm(name="attention_norm")(drop(attended) + x)
         inner = jax.nn.relu(Conv(width, 3, gain=math.sqrt(2.0), matmul=self.matmul, name="conv0")(masked(x, mask)))

@@ -1,5 +1,6 @@
-"""How the networks compute: the precision of their products, and memory against time in the backward pass."""
+"""How the networks compute: the precision of their products, memory against time, all clips at once or one by one."""
 
+from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import jax
@@ -48,3 +49,14 @@ def operands(params: Any, matmul: Matmul) -> Any:
 def precision(matmul: Matmul) -> jax.lax.DotAlgorithmPreset | None:
     """What a product of operands is told, so that a GPU multiplies in bfloat16; None is the platform's default."""
     return None if matmul == "float32" else jax.lax.DotAlgorithmPreset.BF16_BF16_F32
+
+
+def each(function: Callable[..., Any], *clips: Any) -> Any:
+    """`jax.vmap(function)(*clips)`, on a CPU one clip after the other, and computed again in the backward pass.
+
+    For element-wise work with many intermediate arrays, no products: those of one clip stay in the processor's cache.
+    Clips that lie on several devices are never taken apart.
+    """
+    if jax.default_backend() == "cpu" and jax.device_count() == 1:
+        return jax.lax.map(jax.checkpoint(lambda clip: function(*clip)), clips)
+    return jax.vmap(function)(*clips)

@@ -16,7 +16,7 @@ from ..data.augment import Mirror, augment
 from ..data.scale import Scales
 from ..data.windows import Batch, Recorded
 from ..motion.pose import Pose, from_vector
-from ..nn.compute import Compute
+from ..nn.compute import Compute, each
 from ..training.step import LossFn, Metrics
 from . import losses, unrolled
 from .config import ZeroEggsConfig
@@ -83,24 +83,18 @@ def begin(clip: Batch) -> Pose:
     return jax.tree.map(lambda a, b: jnp.where(foreign.chosen, a, b), other, own)
 
 
-def clip_loss(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tuple[Terms, Array]:
-    """The weighted terms of one clip (a Batch without its leading axis) and its style's KL divergence."""
-    predicted, style = unroll(params, clip, draws, setting)
-    return compare(predicted, clip, setting), losses.kl(style)
-
-
-def compare(predicted: Pose, clip: Batch, setting: Setting) -> Terms:
-    """The weighted terms of a clip's unrolled body."""
+def compare(predicted: Pose, target: Pose, gaze: Float[ArrayLike, "3"], setting: Setting) -> Terms:
+    """The weighted terms of a clip's unrolled body; `gaze` is the point [cm] that it faces."""
     model = setting.config.model
-    return losses.reconstruction(
-        predicted, clip.poses, _gaze(clip), setting.parents, model.frame_time, model.decoder.facing
-    )
+    held = jnp.broadcast_to(gaze, predicted.root.pos.shape)
+    return losses.reconstruction(predicted, target, held, setting.parents, model.frame_time, model.decoder.facing)
 
 
 def batch_loss(params: Params, batch: Batch, draws: Draws, step: ArrayLike, setting: Setting) -> tuple[Array, Metrics]:
     """ZeroEGGS Eq. 2 over a batch, and its terms with their weights; `step` counts the updates done before."""
-    terms, divergence = jax.vmap(partial(clip_loss, setting=setting), in_axes=(None, 0, 0))(params, batch, draws)
-    config = setting.config
+    predicted, style = jax.vmap(partial(unroll, setting=setting), in_axes=(None, 0, 0))(params, batch, draws)
+    terms = each(partial(compare, setting=setting), predicted, batch.poses, batch.gaze)
+    divergence, config = jax.vmap(losses.kl)(style), setting.config
     return weigh(terms, divergence, losses.kl_weight(step, config.kl_limit, config.kl_middle, config.kl_slope))
 
 

@@ -13,7 +13,7 @@ from flax import linen as nn
 from jaxtyping import Array, Float
 
 from ..nn.compute import Matmul
-from ..nn.layers import Conv, Dense
+from ..nn.layers import Conv, Dense, Dropout
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class SpeechEncoder(nn.Module):
     def __call__(self, features: Float[Array, "T F"], deterministic: bool = True) -> Float[Array, "N S"]:
         """Scaled speech features -> speech embedding."""
         config = self.config
-        drop = nn.Dropout(config.dropout, deterministic=deterministic)
+        drop = Dropout(config.dropout, deterministic)
         x = drop(jax.nn.elu(Conv(config.hidden, 1, matmul=self.matmul, name="conv0")(features)))
         if self.padding == "edge":
             x = jnp.pad(x, ((config.behind, config.ahead), (0, 0)), mode="edge")

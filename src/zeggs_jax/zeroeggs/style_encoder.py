@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float
 from ..motion.skeleton import Skeleton
 from ..nn.attention import TransformerBlock, masked, positions
 from ..nn.compute import Matmul
-from ..nn.layers import Conv, Dense, GRUCell, LayerNorm
+from ..nn.layers import Conv, Dense, Dropout, GRUCell, LayerNorm
 
 RELU_GAIN = 2.0**0.5
 
@@ -122,7 +122,7 @@ class AttentionEncoder(nn.Module):
     @nn.compact
     def __call__(self, x: Float[Array, "M P"], mask: Bool[Array, " M"], deterministic: bool) -> Float[Array, " O"]:
         config = self.config
-        drop = nn.Dropout(config.dropout, deterministic=deterministic)
+        drop = Dropout(config.dropout, deterministic)
         for i, width in enumerate((config.hidden, config.outputs)):
             x = jax.nn.relu(Conv(width, 3, gain=RELU_GAIN, matmul=self.matmul, name=f"conv{i}")(x))
             x = masked(drop(LayerNorm(name=f"norm{i}")(x)), mask)

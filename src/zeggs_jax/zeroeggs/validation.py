@@ -86,7 +86,7 @@ class Validation:
 def _look(params: Params, batch: Batch, setting: Setting) -> tuple[Array, Metrics, Pose]:
     def one(clip: Batch) -> tuple[Any, Array, Pose]:
         predicted, style = unroll(params, clip, no_draws(setting.config.model), setting)
-        return compare(predicted, clip, setting), kl(style), predicted
+        return compare(predicted, clip.poses, clip.gaze, setting), kl(style), predicted
 
     terms, divergence, made = jax.vmap(one)(batch)
     return *weigh(terms, divergence, setting.config.kl_limit), made
