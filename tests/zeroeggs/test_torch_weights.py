@@ -1,5 +1,7 @@
 """The release's weights there and back, sizes told by shapes, conversions, and files that do not fit."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -41,6 +43,13 @@ def test_there_and_back_is_bit_for_bit(made):
     assert jax.tree.structure(back) == jax.tree.structure(params)
     again = torch_weights.to_torch(back, config)
     assert all(again[name].tobytes() == array.tobytes() for name, array in arrays.items())
+
+
+def test_a_look_ahead_of_its_own_has_no_form_in_the_release():
+    config, params = make()
+    early = replace(config, speech=replace(config.speech, lookahead=1))
+    with pytest.raises(ValueError, match="looks 1 frames ahead and 3 behind"):
+        torch_weights.to_torch(params, early)
 
 
 def test_every_parameter_has_one_name(made):

@@ -117,8 +117,17 @@ def from_torch(arrays: Arrays, config: ZeroEggsConfig) -> Params:
 
 
 def to_torch(params: Params, config: ZeroEggsConfig) -> dict[str, np.ndarray]:
-    """The inverse of `from_torch`: arrays under '<network>/<state_dict name>'."""
+    """The inverse of `from_torch`: arrays under '<network>/<state_dict name>'.
+
+    Raises:
+        ValueError: parameters of another config; a look-ahead that the release's networks cannot have.
+    """
     check_params(params, config)
+    if config.speech.ahead != config.speech.behind:
+        raise ValueError(
+            f"the model looks {config.speech.ahead} frames ahead and {config.speech.behind} behind, where the release's "
+            "networks look as far ahead as behind; convert a model that has no look-ahead of its own."
+        )
     arrays = {}
     for path, name in torch_names(config).items():
         leaf: Any = params
