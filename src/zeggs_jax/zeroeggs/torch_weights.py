@@ -125,8 +125,8 @@ def to_torch(params: Params, config: ZeroEggsConfig) -> dict[str, np.ndarray]:
     check_params(params, config)
     if config.speech.ahead != config.speech.behind:
         raise ValueError(
-            f"the model looks {config.speech.ahead} frames ahead and {config.speech.behind} behind, where the release's "
-            "networks look as far ahead as behind; convert a model that has no look-ahead of its own."
+            f"the model looks {config.speech.ahead} frames ahead and {config.speech.behind} behind, the release's "
+            "networks always as far ahead as behind; convert a model that has no look-ahead of its own."
         )
     arrays = {}
     for path, name in torch_names(config).items():
