@@ -8,6 +8,7 @@ happens: `style`, `dropped` (frames left out), `note`, and with `end` how many f
 """
 
 from collections.abc import Iterator
+from functools import cached_property
 from importlib.metadata import version
 from typing import Any
 
@@ -29,24 +30,24 @@ class Broadcast:
         self.session = session
         root = session.first.root
         self._origin = Root(root.pos, root.rot / np.linalg.norm(root.rot))
-        self.clip = self._clip()
-        jax.block_until_ready(features.joints(session.first, self._origin))
+        self._offsets = np.asarray(features.joints(session.first, self._origin)[1], np.float64)
 
-    def _clip(self) -> Clip:
+    @cached_property
+    def clip(self) -> Clip:
         """The first pose as a clip of one frame: the body that is shown."""
         model, first = self.session.model, jax.tree.map(lambda a: a[None], self.session.first)
         return features.decode(first, model.skeleton, model.config.frame_time)
 
     def body(self) -> Message:
         """The first message."""
-        skeleton, latency = self.clip.skeleton, self.session.latency
+        skeleton, latency = self.session.model.skeleton, self.session.latency
         return {
             "zeggs": version("zeggs-jax"),
             "rate": self.session.rate,
             "latency": [round(seconds, 4) for seconds in latency],
             "joints": list(skeleton.names),
             "parents": list(skeleton.parents),
-            "offsets": np.round(skeleton.offsets, 4).tolist(),
+            "offsets": np.round(self._offsets, 4).tolist(),
         }
 
     def frames(self, poses: Pose) -> Iterator[Message]:

@@ -67,7 +67,7 @@ def fits(config: DecoderConfig) -> bool:
 
 
 def fold(params: Any, config: DecoderConfig, scales: Scales, frame_time: float) -> Folded:
-    """The fast form of the decoder's `params`; in float64, once, and rounded to the parameters' own precision.
+    """The fast form of the decoder's `params`; products in float64, once, rounded to the parameters' own precision.
 
     Raises:
         ValueError: a decoder without a fast form.
@@ -76,15 +76,15 @@ def fold(params: Any, config: DecoderConfig, scales: Scales, frame_time: float) 
         raise ValueError(f"a decoder with '{config.conditioning}' conditioning has no folded form; use its plain form.")
     net = params["recurrent"]
     dtype = net["dense_out"]["weight"].dtype
-    (exact, cells), hidden = (_exact(net[name]) for name in ("dense_out", "gru")), config.hidden
+    exact, cells, hidden = _exact(net["dense_out"]), net["gru"], config.hidden
     wide = _wide(net, hidden)
     size = len(exact["bias"])
     pose_in, pose_out = _exact(scales.pose_in), _exact(scales.pose_out)
     out_std = np.broadcast_to(pose_out.std, (size,))
     weight, bias = exact["weight"] * out_std[:, None], exact["bias"] * out_std + pose_out.mean  # unscaled
     seen_std = np.broadcast_to(pose_in.std, pose_in.mean.shape)
-    again = wide["weight"][:, :size] / seen_std[:size]
-    ahead = again @ weight, again @ (bias - pose_in.mean[:size])
+    again = _exact(wide["weight"][:, :size]) / seen_std[:size]
+    ahead = (again @ weight).astype(dtype), (again @ (bias - pose_in.mean[:size])).astype(dtype)
     rows = [cells[f"layer{i}"] for i in range(config.layers)]
     follows = [*((cell["weight_ih"], cell["bias_ih"]) for cell in rows[1:]), ahead]
     layers = tuple(
@@ -95,7 +95,7 @@ def fold(params: Any, config: DecoderConfig, scales: Scales, frame_time: float) 
         given=Product(wide["weight"][:, size + GAZE :], wide["bias"]),
         gaze=wide["weight"][:, size : size + GAZE],
         gaze_in=Scale(pose_in.mean[size:], seen_std[size:]),
-        embedded=rows[0]["weight_ih"][:, :hidden],
+        embedded=np.asarray(rows[0]["weight_ih"])[:, :hidden],
         layers=layers,
         root=Product(weight[:VELOCITIES], bias[:VELOCITIES]),
         joints=Product(weight[VELOCITIES:], bias[VELOCITIES:]),
@@ -114,9 +114,9 @@ def _stacked(*parts: Any) -> Any:
 
 def _wide(net: Any, hidden: int) -> Any:
     """The dense layer above the first gates: all that multiplies (pose, gaze, speech, style)."""
-    dense, first = _exact(net["dense_in"]), _exact(net["gru"]["layer0"])
-    weight = np.concatenate([dense["weight"], first["weight_ih"][:, hidden:]])
-    return {"weight": weight, "bias": np.concatenate([dense["bias"], first["bias_ih"]])}
+    dense, first = net["dense_in"], net["gru"]["layer0"]
+    weight = _stacked(dense["weight"], np.asarray(first["weight_ih"])[:, hidden:])
+    return {"weight": weight, "bias": _stacked(dense["bias"], first["bias_ih"])}
 
 
 def begin(params: Any, folded: Folded, config: DecoderConfig, scales: Scales, first: Pose, given: Frame) -> FoldedState:
