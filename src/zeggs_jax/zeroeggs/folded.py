@@ -95,7 +95,7 @@ def fold(params: Any, config: DecoderConfig, scales: Scales, frame_time: float) 
         given=Product(wide["weight"][:, size + GAZE :], wide["bias"]),
         gaze=wide["weight"][:, size : size + GAZE],
         gaze_in=Scale(pose_in.mean[size:], seen_std[size:]),
-        embedded=np.asarray(rows[0]["weight_ih"])[:, :hidden],
+        embedded=rows[0]["weight_ih"][:, :hidden],
         layers=layers,
         root=Product(weight[:VELOCITIES], bias[:VELOCITIES]),
         joints=Product(weight[VELOCITIES:], bias[VELOCITIES:]),
