@@ -94,8 +94,8 @@ def calls(model: Model, axis: str, value: int) -> tuple[Callable[[], Any], Calla
     return partial(make, 2), partial(make, round(seconds * RATE_HZ))
 
 
-def point(axis: str, value: int) -> ledger.Row:
-    """One measurement, in this process."""
+def point(axis: str, value: int, only_compile: bool) -> ledger.Row:
+    """One measurement, in this process, or only what has to be compiled for it."""
     compiled.keep()
     model = paper(value if axis == "hidden" else 1024)
     if axis != "style":
@@ -104,6 +104,8 @@ def point(axis: str, value: int) -> ledger.Row:
     ctypes.CDLL(None).malloc_trim(0)  # what preparing took and nobody holds goes back
     before = _megabytes("VmRSS")
     warm()
+    if only_compile:
+        return {}
     Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
     times, finite = [], True
     while len(times) < RUNS and sum(times) < LONG_S:
@@ -125,8 +127,7 @@ def _megabytes(name: str) -> float:
 def apart(axis: str, value: int) -> ledger.Row:
     """One measurement in a process of its own, after one whose compiled programs it finds."""
     words = [sys.executable, __file__, "--point", axis, str(value)]
-    if value != AXES["length"].values[-1]:
-        subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([*words, "--only-compile"], check=True, stdout=subprocess.DEVNULL)
     return json.loads(subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout)
 
 
@@ -183,9 +184,10 @@ def main() -> None:
     parser.add_argument("--figure", type=Path, help="where the plots go; OUT/growth.png when left out")
     parser.add_argument("--most", type=int, default=3600, help="seconds of the longest speech")
     parser.add_argument("--point", nargs=2, metavar=("AXIS", "VALUE"), help=argparse.SUPPRESS)
+    parser.add_argument("--only-compile", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.point:
-        print(json.dumps(point(args.point[0], int(args.point[1]))))
+        print(json.dumps(point(args.point[0], int(args.point[1]), args.only_compile)))
         return
     if args.out is None:
         parser.error("-o OUT is needed")
