@@ -262,7 +262,8 @@ def test_the_loss_of_a_batch_is_the_mean_of_its_clips(example):
 
     @jax.jit
     def single(clip, draw):
-        predicted, style = objective.unroll(example.params, clip, draw, example.setting)
+        some = jax.tree.map(lambda a: a[None], (clip, draw))
+        predicted, style = jax.tree.map(lambda a: a[0], objective.unroll(example.params, *some, example.setting))
         return objective.compare(predicted, clip.poses, clip.gaze, example.setting), objective.losses.kl(style)
 
     pairs = [jax.tree.map(lambda a, i=i: a[i], (example.clips, example.draws)) for i in range(2)]

@@ -51,6 +51,17 @@ def precision(matmul: Matmul) -> jax.lax.DotAlgorithmPreset | None:
     return None if matmul == "float32" else jax.lax.DotAlgorithmPreset.BF16_BF16_F32
 
 
+def factors(params: Any, matmul: Matmul) -> Any:
+    """`params` with all matrices in the type that they are multiplied in: bfloat16 is half the bytes to read."""
+    small = matmul == "bfloat16"
+    return jax.tree.map(lambda leaf: leaf.astype(jnp.bfloat16) if small and leaf.ndim > 1 else leaf, params)
+
+
+def multiply(weight: Float[Array, "out in"], x: Float[Array, "in B"]) -> Float[Array, "out B"]:
+    """`weight @ x` in the weight's type (`factors`), summed in x's; not to be differentiated."""
+    return jax.lax.dot(weight, x.astype(weight.dtype), preferred_element_type=x.dtype)
+
+
 def each(function: Callable[..., Any], *clips: Any) -> Any:
     """`jax.vmap(function)(*clips)`, on a CPU one clip after the other, and computed again in the backward pass.
 

@@ -54,10 +54,21 @@ def no_draws(config: ZeroEggsConfig) -> Draws:
     return Draws(jnp.zeros(config.style_size), None, None)
 
 
-def unroll(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tuple[Pose, StyleDistribution]:
-    """The body that the networks make of a clip's speech, example and first frame, and the style they saw."""
-    config, scales = setting.config.model, setting.scales
-    compute = Compute(setting.config.matmul, setting.config.remat)
+def unroll(params: Params, batch: Batch, draws: Draws, setting: Setting) -> tuple[Pose, StyleDistribution]:
+    """The bodies that the networks make of the clips' speech, examples and first frames, and the styles they saw."""
+    given, first, style = jax.vmap(partial(_told, params, setting=setting))(batch, draws)
+    config, compute = setting.config.model, _compute(setting)
+    made = unrolled.rollout(params["decoder"], config.decoder, setting.scales, first, given, config.frame_time, compute)
+    return made, style
+
+
+def _compute(setting: Setting) -> Compute:
+    return Compute(setting.config.matmul, setting.config.remat)
+
+
+def _told(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tuple[Frame, Pose, StyleDistribution]:
+    """What the decoder is given of one clip, its first pose, and the style it was drawn from."""
+    config, scales, compute = setting.config.model, setting.scales, _compute(setting)
     speech = encode_speech(params, config, scales, jnp.asarray(clip.speech), draws.speech_dropout, compute)
     if config.labels:
         style = StyleDistribution(jax.nn.one_hot(clip.label, len(config.labels)), None)
@@ -65,12 +76,9 @@ def unroll(params: Params, clip: Batch, draws: Draws, setting: Setting) -> tuple
         style = encode_style(
             params, config, scales, jnp.asarray(clip.example), clip.example_length, draws.style_dropout, compute
         )
-    drawn = reparameterise(style, draws.style)
-    first = begin(clip)
-    hold = partial(jnp.broadcast_to, shape=(speech.shape[0], drawn.shape[0]))
-    given = Frame(speech, hold(drawn), _gaze(clip))
-    made = unrolled.rollout(params["decoder"], config.decoder, scales, first, given, config.frame_time, compute)
-    return made, style
+    drawn, frames = reparameterise(style, draws.style), speech.shape[0]
+    held, gaze = (jnp.broadcast_to(a, (frames, *a.shape)) for a in (drawn, jnp.asarray(clip.gaze)))
+    return Frame(speech, held, gaze), begin(clip), style
 
 
 def begin(clip: Batch) -> Pose:
@@ -92,7 +100,7 @@ def compare(predicted: Pose, target: Pose, gaze: Float[ArrayLike, "3"], setting:
 
 def batch_loss(params: Params, batch: Batch, draws: Draws, step: ArrayLike, setting: Setting) -> tuple[Array, Metrics]:
     """ZeroEGGS Eq. 2 over a batch, and its terms with their weights; `step` counts the updates done before."""
-    predicted, style = jax.vmap(partial(unroll, setting=setting), in_axes=(None, 0, 0))(params, batch, draws)
+    predicted, style = unroll(params, batch, draws, setting)
     terms = each(partial(compare, setting=setting), predicted, batch.poses, batch.gaze)
     divergence, config = jax.vmap(losses.kl)(style), setting.config
     return weigh(terms, divergence, losses.kl_weight(step, config.kl_limit, config.kl_middle, config.kl_slope))
@@ -116,7 +124,3 @@ def loss_fn(setting: Setting) -> LossFn:
         return batch_loss(params, batch, draws, step, setting)
 
     return loss
-
-
-def _gaze(clip: Batch) -> Float[Array, "T 3"]:
-    return jnp.broadcast_to(clip.gaze, (clip.speech.shape[0], 3))

@@ -84,12 +84,11 @@ class Validation:
 
 
 def _look(params: Params, batch: Batch, setting: Setting) -> tuple[Array, Metrics, Pose]:
-    def one(clip: Batch) -> tuple[Any, Array, Pose]:
-        predicted, style = unroll(params, clip, no_draws(setting.config.model), setting)
-        return compare(predicted, clip.poses, clip.gaze, setting), kl(style), predicted
-
-    terms, divergence, made = jax.vmap(one)(batch)
-    return *weigh(terms, divergence, setting.config.kl_limit), made
+    clips = len(batch.label)
+    none = jax.tree.map(lambda a: jnp.broadcast_to(a, (clips, *a.shape)), no_draws(setting.config.model))
+    made, style = unroll(params, batch, none, setting)
+    terms = jax.vmap(partial(compare, setting=setting))(made, batch.poses, batch.gaze)
+    return *weigh(terms, jax.vmap(kl)(style), setting.config.kl_limit), made
 
 
 class Sampler:
