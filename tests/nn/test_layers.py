@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from zeggs_jax.nn.layers import Conv, Dense, GRUCell, LayerNorm
+from zeggs_jax.nn.layers import Conv, Dense, Dropout, GRUCell, LayerNorm
 
 KEY = jax.random.key(0)
 
@@ -116,3 +116,18 @@ def test_against_pytorch():
     frames = normal(9, 5, 12)
     theirs = torch.nn.functional.layer_norm(torch.tensor(np.asarray(frames)), (12,)).numpy()
     np.testing.assert_allclose(LayerNorm().apply(LayerNorm().init(KEY, frames), frames), theirs, atol=1e-6)
+
+
+@pytest.mark.parametrize(("rate", "shape"), [(0.2, (400, 501)), (0.5, (3, 7)), (0.0, (5,))])
+def test_dropout_keeps_the_mean_and_drops_its_share(rate, shape):
+    x = 1.0 + jnp.arange(math.prod(shape), dtype=jnp.float32).reshape(shape)
+    layer = Dropout(rate, False)
+    one, two = (np.asarray(layer.apply({}, x, rngs={"dropout": jax.random.key(seed)})) for seed in (0, 1))
+    kept = one != 0
+    np.testing.assert_allclose(one[kept], np.asarray(x)[kept] / (1 - rate), rtol=2e-5)
+    assert abs(kept.mean() - (1 - rate)) < 5 * (0.25 / kept.size) ** 0.5
+    assert bool((one == two).all()) is (rate == 0)
+    np.testing.assert_array_equal(Dropout(rate, True).apply({}, x), x)
+    if kept.size > 1000:  # neighbours, which share a word, are dropped independently
+        pairs = kept.reshape(-1)[: kept.size // 2 * 2].reshape(-1, 2)
+        assert abs(np.corrcoef(pairs.T)[0, 1]) < 0.02

@@ -15,7 +15,8 @@ class Compute(NamedTuple):
     """What changes how a result is computed, but not what is computed; nothing of it belongs to the parameters.
 
     With "bfloat16" the operands of every matrix product and convolution are rounded to bfloat16, and the products
-    summed and kept in float32; state, losses and optimiser stay in float32. On a CPU this costs time.
+    summed and kept in float32; state, losses and optimiser stay in float32. It pays where the processor multiplies
+    bfloat16: GPUs, and CPUs with instructions for it; on others it costs time.
     """
 
     matmul: Matmul = "float32"
