@@ -191,7 +191,8 @@ def main() -> None:
         return
     if args.out is None:
         parser.error("-o OUT is needed")
-    asked = [(name, value) for name in args.axes for value in AXES[name].values if value <= args.most]
+    most = {"length": args.most}
+    asked = [(n, v) for n in args.axes for v in AXES[n].values if v <= most.get(n, v)]
     rows = ledger.fill(args.out / "growth.jsonl", {f"{n} {v}": partial(apart, n, v) for n, v in asked}, "points")
     print(table(rows))
     ledger.save(args.out / "growth.json", {"jax": jax.__version__, "rows": rows})
