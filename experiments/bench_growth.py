@@ -166,6 +166,8 @@ def panel(axes: Any, axis: Axis, rows: Sequence[ledger.Row], first: bool) -> lis
     memory.set(yscale="log", ylim=(200, 20_000))
     axes.set_xticks(values, [f"{value:g}" for value in values])
     axes.set_xticks([], minor=True)
+    low, high = np.log10(axes.get_ylim())
+    axes.set_ylim(10.0 ** np.floor(low), 10.0 ** np.ceil(high))
     for side, colour in ((axes, blue), (memory, red)):
         low, high = side.get_ylim()
         ticks = [10.0**power for power in range(-4, 6) if low <= 10.0**power <= high]
