@@ -63,7 +63,7 @@ def save_paper(folder: Path) -> list[str]:
 
     model = paper_model()
     start = first(examples.read_motion(examples.bundled()["neutral"], model))
-    style = library.Entry("some", "some", "a random point", None, StyleDistribution(point(model), None), start)
+    style = library.Entry("some", "some", "a random point", None, StyleDistribution(point(model), np.full_like(point(model), -4.0)), start)
     save_model(folder / "model", model)
     library.save(folder / "style.npz", library.Library(library.digest(model), (style,)))
     return ["--checkpoint", str(folder / "model"), "--style", str(folder / "style.npz")]

@@ -154,3 +154,17 @@ def test_other_peoples_folders_are_not_replaced(tmp_path):
 def test_empty_arrays_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"array 'a' of shape \(0, 3\): it is empty"):
         checkpoint.save(tmp_path / "model", {"a": np.zeros((0, 3))}, {})
+
+
+def test_arrays_are_the_same_read_with_orbax_and_without(tmp_path, monkeypatch):
+    rng = np.random.default_rng(0)
+    tree = {"a": {"w": rng.normal(size=(70, 300)).astype(np.float32), "n": np.int32(7)}, "h": np.ones(3, np.float16)}
+    checkpoint.save(tmp_path / "c", tree, {})
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint, "_orbax", None)
+        alone, _ = checkpoint.load(tmp_path / "c")
+    monkeypatch.setattr(checkpoint, "_by_tensorstore", lambda folder, leaves: None)
+    orbax, _ = checkpoint.load(tmp_path / "c")
+    for found in (alone, orbax):
+        jax.tree.map(np.testing.assert_array_equal, found, tree)
+        assert [leaf.dtype for leaf in jax.tree.leaves(found)] == [leaf.dtype for leaf in jax.tree.leaves(tree)]

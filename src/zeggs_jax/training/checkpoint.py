@@ -220,19 +220,41 @@ def _manifest(path: Path) -> dict[str, Any]:
 
 
 def _read_arrays(path: Path, content: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    import orbax.checkpoint as ocp
-
     for name, expected in content["files"].items():
         file = path / ARRAYS / name
         if not file.is_file() or _sha256(file.read_bytes()) != expected:
             state = "changed on disk" if file.is_file() else "is missing"
             raise ValueError(f"checkpoint '{path}' is damaged: {ARRAYS}/{name} {state}; take another copy of it.")
+    directly = _by_tensorstore(path / ARRAYS, content["leaves"])
+    if directly is not None:
+        return directly
+    import orbax.checkpoint as ocp
+
     try:
         with _orbax() as reader:
             stored = _named_leaves(reader.restore(path / ARRAYS))
         return {name: np.asarray(stored[name]) for name in content["leaves"]}
     except Exception as problem:  # whatever orbax raises when it cannot read what it wrote, another version's for one
         raise ValueError(f"checkpoint '{path}' cannot be read by orbax {ocp.__version__}: {problem!r}.") from problem
+
+
+def _by_tensorstore(folder: Path, leaves: Mapping[str, dict[str, Any]]) -> dict[str, np.ndarray] | None:
+    """The arrays as orbax lays them out, read without it: half the time. None where they lie in another way."""
+    try:
+        import tensorstore
+
+        base, context = {"driver": "file", "path": f"{folder}/"}, tensorstore.Context()
+        stores = {name: {"driver": "ocdbt", "base": base, "path": name.replace("/", ".") + "/"} for name in leaves}
+        opened = {
+            name: tensorstore.open({"driver": "zarr", "kvstore": store}, open=True, read=True, context=context)
+            for name, store in stores.items()
+        }
+        reading = {name: store.result().read() for name, store in opened.items()}
+        found = {name: np.asarray(array.result()) for name, array in reading.items()}
+    except Exception:  # whatever it is, orbax tells it better
+        return None
+    same = all((list(a.shape), str(a.dtype)) == (leaves[n]["shape"], leaves[n]["dtype"]) for n, a in found.items())
+    return found if same else None
 
 
 def _swap_in(work: Path, path: Path) -> None:

@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
@@ -66,8 +65,8 @@ def ready(model: Model, precision: Precision = "float32") -> Ready:
     if folded.fits(config.decoder) or precision != "float32":
         exact = folded.fold(model.params["decoder"], config.decoder, model.scales, config.frame_time)
         form = with_precision(exact, precision)
-    speech, plain = jax.device_put((model.params["speech"], model.params["decoder"]))
-    made = Ready(speech, plain, form, jax.tree.map(jnp.asarray, model.scales), jnp.asarray(config.frame_time))
+    parts = model.params["speech"], model.params["decoder"], form, model.scales, np.float32(config.frame_time)
+    made = Ready(*jax.device_put(parts))  # `jnp.asarray` would compile every shape
     _KEPT.append(_Kept(arrays, config, precision, made))
     del _KEPT[:-MODELS]
     return made
