@@ -87,6 +87,30 @@ def test_shares_put_together_are_the_batch(prepared: Prepared, split, config):
             jax.tree.map(lambda x, *xs: np.testing.assert_array_equal(np.concatenate(xs), x), whole, *parts)
 
 
+def test_what_is_gathered_on_the_device_is_what_is_copied(prepared: Prepared):
+    packed = windows_of.pack(prepared)
+    for k in range(4):
+        copied, located = (batch(prepared, 2, k, AUGMENTED, share=(1, 2), resident=which) for which in (False, True))
+        assert isinstance(located.piece, windows_of.Located)
+        assert (located.piece.row == len(prepared.pose)).any()
+        filled = located._replace(piece=windows_of.gather(packed, located.piece))
+        jax.tree.map(np.testing.assert_array_equal, filled, copied)
+
+
+def test_plain_windows_are_gathered_as_they_are(prepared: Prepared):
+    packed, plain, located = (
+        windows_of.pack(prepared),
+        *(batch(prepared, 2, 1, SMALL, resident=r) for r in (False, True)),
+    )
+    filled = located._replace(piece=windows_of.gather(packed, located.piece))
+    made = jax.vmap(partial(augment.augment, by=None, window=SMALL.window, frame_time=1 / 60))(filled)
+    jax.tree.map(np.testing.assert_array_equal, made, plain)
+    with pytest.raises(TypeError, match="gathered first"):
+        augment.augment(jax.tree.map(lambda a: a[0], located), None, SMALL.window, 1 / 60)
+    with pytest.raises(ValueError, match="released are not gathered"):
+        batch(prepared, 2, 1, RELEASED, resident=True)
+
+
 @pytest.mark.parametrize("share", [(2, 2), (-1, 2), (0, 3), (0, 0)])
 def test_a_share_that_is_none_is_refused(prepared: Prepared, share):
     with pytest.raises(ValueError, match=f"Share {share[0]} of {share[1]} of a batch of 16"):

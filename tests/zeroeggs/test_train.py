@@ -77,6 +77,15 @@ def test_a_resumed_run_has_the_numbers_of_an_unbroken_one(run, corpus, tmp_path)
     jax.tree.map(np.testing.assert_array_equal, state.params, theirs["params"])
 
 
+def test_a_corpus_on_the_device_gives_the_same_updates(run, corpus, tmp_path):
+    config = replace(TINY, resident=True)
+    t.train(corpus, tmp_path / "run", replace(config, steps=3), progress=False)
+    for ours, theirs in zip(log_of(tmp_path / "run"), log_of(run), strict=False):
+        assert ours == pytest.approx(theirs, rel=1e-5)
+    t.train(corpus, tmp_path / "run", config, progress=False)
+    assert len(log_of(tmp_path / "run")) == 6
+
+
 def test_a_run_is_a_model(run, corpus):
     model, prepared = load_model(run), load(corpus)
     assert model.config == t.fit_config(TINY, prepared).model
@@ -134,7 +143,9 @@ def test_fewer_updates_than_are_done_are_refused(run, corpus):
         t.train(corpus, run, replace(TINY, steps=5), progress=False)
 
 
-@pytest.mark.parametrize("free", [{"accumulate": 2}, {"remat": True}, {"keep": 1, "explode": None, "log_every": 7}])
+@pytest.mark.parametrize(
+    "free", [{"resident": True}, {"remat": True, "accumulate": 2}, {"keep": 1, "explode": None, "log_every": 7}]
+)
 def test_settings_that_leave_the_update_alone_may_change(run, corpus, free):
     run_folder.check_same(keep.checkpoints(run)[-1], metadata_of(run, replace(TINY, **free), corpus), run)
 

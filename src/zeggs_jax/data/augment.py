@@ -33,6 +33,8 @@ POINT = Mirror(np.arange(3), SEEN, np.zeros(3, np.float32))
 def augment(recorded: Recorded, by: Mirror | None, window: int, frame_time: float) -> Batch:
     """The window of `window` frames and its example, of one row of a batch, as the networks are to see them."""
     piece, times = recorded.piece, recorded.times
+    if not isinstance(piece, Piece):
+        raise TypeError("pieces that are located have to be gathered first (windows.gather).")
     if times is not None:
         piece = play(piece, times, frame_time)
     gaze = jnp.asarray(recorded.gaze)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float32, Int, Int32
 
@@ -46,6 +47,12 @@ class Piece(NamedTuple):
     root_rot: Float[Values, "*B R 4"]  # world
 
 
+class Located(NamedTuple):
+    """The same, where the whole corpus is on the device (`pack`): rows of it, to be gathered inside the step."""
+
+    row: Int32[Values, "*B R"]  # the corpus's length: a row of zeros
+
+
 class Times(NamedTuple):
     """When the F - 1 frames of a played piece are, and the one before them: `row + weight`, in frames of the piece."""
 
@@ -57,7 +64,7 @@ class Times(NamedTuple):
 class Recorded(NamedTuple):
     """What a batch is made of by `augment.augment`: B examples as they are in the corpus, padded to R frames."""
 
-    piece: Piece
+    piece: Piece | Located
     gaze: Float32[Values, "B 3"]
     label: Int32[Values, " B"]
     start: Int32[Values, " B"]  # frame of the example at which its window starts
@@ -74,19 +81,35 @@ def batch(
     config: WindowConfig = PAPER,
     split: str = "train",
     share: tuple[int, int] = (0, 1),
+    resident: bool = False,
 ) -> Batch | Recorded:
     """Batch number k: windows drawn evenly from all clips of the split, example lengths from all even ones.
 
     `share` (i, n) gives the i-th of n equal parts of the batch, and makes no more than that. An example lies
     around its window, shifted where the clip ends, and shorter than drawn only where the whole clip is.
     Where the windows are to be mirrored or played at another pace (ZeroEGGS Sec. 4.1; the training split's
-    only), with their examples, speech and gaze, they come as `Recorded`, and the step augments them. Raises
-    ValueError when no clip of the split is as long as a window, or when the batch has no n equal parts.
+    only), with their examples, speech and gaze, they come as `Recorded`, and the step augments them. `resident`: as
+    `Recorded` too, whose pieces the step gathers from the packed corpus. Raises ValueError when no clip of the split is
+    as long as a window, when the batch has no n equal parts, or when windows as released are to be resident.
     """
+    if resident and config.as_released:
+        raise ValueError("Windows as released are not gathered on the device; leave out resident or as_released.")
     spread = augmentation(config, prepared, split)
     drawn = draw(prepared, seed, k, config, split)
     part = _part(config.batch, share)
-    return _recorded(prepared, drawn, part, config, spread) if any(spread) else _plain(prepared, drawn, part, config)
+    if resident or any(spread):
+        return _recorded(prepared, drawn, part, config, spread, resident)
+    return _plain(prepared, drawn, part, config)
+
+
+def pack(prepared: Prepared) -> Piece:
+    """All frames of the corpus and a row of zeros, for the device."""
+    return Piece(*(np.concatenate([x, np.zeros_like(x[:1])]).astype(np.float32) for x in _arrays(prepared)))
+
+
+def gather(packed: Piece, located: Located) -> Piece:
+    """The frames of a piece, or of a batch of them."""
+    return Piece(*(jnp.take(x, located.row, axis=0, mode="clip") for x in packed))
 
 
 def _part(size: int, share: tuple[int, int]) -> range:
@@ -126,10 +149,14 @@ def _plain(prepared: Prepared, drawn: Draws, part: range, config: WindowConfig) 
     return Batch(windows.speech, poses, gaze, example, example_length, labels, foreign)
 
 
-def _recorded(prepared: Prepared, drawn: Draws, part: range, config: WindowConfig, spread: Spread) -> Recorded:
-    """The frames that examples are made of, and when the examples' own are."""
+def _recorded(
+    prepared: Prepared, drawn: Draws, part: range, config: WindowConfig, spread: Spread, resident: bool
+) -> Recorded:
+    """The frames that examples are made of, or where they are, and when the examples' own are."""
     count, most = len(part), config.example[1]
-    pieces = _zeros(prepared, count, rows_to_play(most, 1 + spread.pace) if spread.pace else most)
+    frames = rows_to_play(most, 1 + spread.pace) if spread.pace else most
+    located = Located(np.full((count, frames), len(prepared.pose), np.int32))
+    pieces = located if resident else _zeros(prepared, count, frames)
     start, length = np.zeros(count, np.int32), np.zeros(count, np.int32)
     row, weight = np.zeros((count, most + 1), np.int32), np.zeros((count, most + 1), np.float32)
 
@@ -144,8 +171,10 @@ def _recorded(prepared: Prepared, drawn: Draws, part: range, config: WindowConfi
             rows = np.arange(row[b, 0], row[b, -1] + 2) + whole[0]
             row[b] -= row[b, 0]
         taken = slice(rows[0], min(rows[-1] + 1, whole[1]))
-        for frames, made in zip(_arrays(prepared), pieces, strict=True):
-            made[b, : taken.stop - taken.start] = frames[taken]
+        located.row[b, : taken.stop - taken.start] = np.arange(taken.start, taken.stop)  # pyright: ignore[reportIndexIssue]
+        if isinstance(pieces, Piece):
+            for frames, made in zip(_arrays(prepared), pieces, strict=True):
+                made[b, : taken.stop - taken.start] = frames[taken]
 
     _each(fill, count)
     clips, pace = drawn.clip[part], np.full(count, drawn.pace, np.float32)

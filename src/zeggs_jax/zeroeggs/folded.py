@@ -145,7 +145,8 @@ def advance_many(folded: Folded, config: DecoderConfig, state: FoldedState, give
     """K frames on in B clips at once, which are the last axis of `state` and `given`, and the first of the poses."""
     known = jnp.concatenate([given.speech, given.style], axis=1)
     told = jax.vmap(partial(_apply, folded.given))(known)
-    state, (root, velocity, output) = jax.lax.scan(partial(_frame, folded, config), state, (told, given.target))
+    xs = told, jnp.asarray(given.target)
+    state, (root, velocity, output) = jax.lax.scan(partial(_frame, folded, config), state, xs)
     joints = jax.vmap(partial(_apply, folded.joints))(output)
     vector, root = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), (jnp.concatenate([velocity, joints], axis=1), root))
     return state, poses.from_vector(vector, root)

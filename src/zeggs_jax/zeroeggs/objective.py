@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ..data.augment import Mirror, augment
 from ..data.scale import Scales
-from ..data.windows import Batch, Recorded
+from ..data.windows import Batch, Located, Piece, Recorded, gather
 from ..motion.pose import Pose, from_vector
 from ..nn.compute import Compute, each
 from ..training.step import LossFn, Metrics
@@ -114,11 +114,18 @@ def weigh(terms: Terms, divergence: Float[Array, " B"], kl_weight: ArrayLike) ->
 
 
 def loss_fn(setting: Setting) -> LossFn:
-    """The loss with the randomness of each clip drawn from its key, of batches that are augmented if they are to be."""
+    """The loss with the randomness of each clip drawn from its key, of batches that are augmented if they are to be.
+
+    Where batches are only located, the packed corpus is its last argument.
+    """
     config = setting.config
     augmented = partial(augment, by=setting.mirror, window=config.windows.window, frame_time=config.model.frame_time)
 
-    def loss(params: Params, batch: Batch | Recorded, keys: Array, step: Array) -> tuple[Array, Metrics]:
+    def loss(
+        params: Params, batch: Batch | Recorded, keys: Array, step: Array, packed: Piece | None = None
+    ) -> tuple[Array, Metrics]:
+        if packed is not None and isinstance(batch, Recorded) and isinstance(batch.piece, Located):
+            batch = batch._replace(piece=gather(packed, batch.piece))
         batch = jax.vmap(augmented)(batch) if isinstance(batch, Recorded) else batch
         draws = jax.vmap(partial(draw, config=config.model))(keys)
         return batch_loss(params, batch, draws, step, setting)

@@ -12,7 +12,7 @@ from .settings import TrainConfig
 
 FREE = {
     "steps", "log_every", "checkpoint_every", "keep", "keep_every", "keep_best", "validate_every", "validate_clips",
-    "sample_every", "explode", "accumulate", "remat",
+    "sample_every", "explode", "resident", "accumulate", "remat",
 }  # fmt: skip
 """Settings that a resumed run may change: none changes what an update is; the last two change its rounding."""
 

@@ -35,6 +35,7 @@ class TrainConfig:
     accumulate: int = 1  # parts that a batch is worked through in: less memory, the same update
     remat: bool = False  # compute the decoder's frames again in the backward pass: less memory, the same update
     matmul: Literal["float32", "bfloat16"] = "float32"  # what matrix products round their operands to
+    resident: bool = False  # the whole corpus lies on the device and batches are gathered there: for GPUs with room
     log_every: int = 10
     checkpoint_every: int = 5000
     keep: int = 3  # newest checkpoints that stay

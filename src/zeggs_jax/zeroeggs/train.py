@@ -16,7 +16,7 @@ import jax
 import numpy as np
 import optax
 
-from ..data import draws, windows
+from ..data import windows
 from ..data.augment import mirror_of
 from ..data.body import AS_IS
 from ..data.prepared import Prepared, load
@@ -64,7 +64,7 @@ def train(
     arrays, out = load(folder), Path(out)
     config, mesh = fit_config(config, arrays), devices.mesh()
     devices.check_batch(config.windows.batch, mesh, config.accumulate)
-    draws.draw(arrays, config.seed, 0, config.windows, "train")  # refuses windows that the corpus has not
+    windows.batch(arrays, config.seed, 0, config.windows, resident=config.resident)  # refuses what the corpus has not
     corpus = hashlib.sha256((Path(folder) / "manifest.json").read_bytes()).hexdigest()
     metadata = {**describe(config.model, arrays.skeleton), "training": to_dict(config), "corpus": corpus}
     devices.check_same(json.dumps(metadata, sort_keys=True).encode(), "corpus or settings")
@@ -76,10 +76,12 @@ def train(
         write_json(out / "config.json", to_dict(config))
 
     def batch(k: int) -> Any:
-        return devices.split(windows.batch(arrays, config.seed, k, config.windows, share=devices.share()), mesh)
+        made = windows.batch(arrays, config.seed, k, config.windows, share=devices.share(), resident=config.resident)
+        return devices.split(made, mesh)
 
+    packed = devices.replicate(windows.pack(arrays), mesh) if config.resident else None
     task = loop.Task(
-        make_step(loss_fn(setting), transform, config.seed, config.accumulate, config.ema),
+        make_step(loss_fn(setting), transform, config.seed, config.accumulate, config.ema, packed),
         batch,
         lambda path, state: checkpoint.save(path, _tree(state, arrays.scales), metadata),
         _validation(arrays, setting, observers, progress),

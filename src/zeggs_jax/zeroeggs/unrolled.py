@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
@@ -32,7 +31,7 @@ class Course(NamedTuple):
     root: Root  # of the first pose: [3, B] and [4, B]
     hidden: tuple[Float[Array, "H B"], ...]  # of every layer, before frame 1
     given: Float[Array, "T G B"]  # speech and style of frames 1 to T
-    target: Float[Array | np.ndarray, "T 3 B"]  # cm, world
+    target: Float[Array, "T 3 B"]  # cm, world
 
 
 class Made(NamedTuple):
