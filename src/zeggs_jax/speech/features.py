@@ -176,8 +176,12 @@ def _magnitude(
 ) -> Float[np.ndarray, "F K"]:
     if rfft is None:
         from scipy.fft import rfft
-    window = np.float32(hann(config.window) / config.window)
-    return np.abs(rfft(np.asarray(framed, np.float32) * window, axis=1))
+    return np.abs(rfft(np.asarray(framed, np.float32) * _window(config.window), axis=1))
+
+
+@lru_cache(maxsize=8)
+def _window(size: int) -> Float32[np.ndarray, " size"]:
+    return (hann(size) / size).astype(np.float32)
 
 
 def hann(size: int) -> Float[np.ndarray, " size"]:

@@ -241,7 +241,7 @@ class StreamSession:
         state, made = synthesis.advance(self._run, self.model.config, self._state, self._rows[seen], style, target)
         self._state = state
         self._pass(frames)
-        return jax.device_get(made)
+        return jax.tree.map(np.asarray, made)
 
     def _warm(self) -> None:
         """Compiles, or reads from the cache, what every push runs."""
