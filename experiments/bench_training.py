@@ -4,6 +4,7 @@
     python experiments/bench_training.py --batch 32 --window 256 --example 384 --repeats 3
     taskset -c 0 python experiments/bench_training.py --batch 8 --window 64 --example 256
     python experiments/bench_training.py --sizes demo --batch 16 --window 75 --example 180
+    taskset -c 0 python experiments/bench_training.py --matmul bfloat16 --batch 32 --window 256 --example 384 --repeats 3
     python experiments/bench_training.py --alone --batch 32 --window 256 --example 384
 
 Both sides do the whole update: encoders with dropout, decoder in closed loop, kinematics, 17 terms and the divergence,
@@ -14,6 +15,7 @@ the one that the first process left. PyTorch: extra `reference`.
 """
 
 import argparse
+import dataclasses
 import importlib
 import os
 import resource
@@ -117,7 +119,7 @@ def theirs(config: TrainConfig, clips: Batch, scales: Scales, params: Any, devic
 def check_twins(config: TrainConfig, clips: Batch, scales: Scales, params: Any, alone: Callable[[], float]) -> None:
     """Both losses of the same weights and batch, the mean style and no dropout: equal, or a ValueError."""
     few = jax.tree.map(lambda a: jnp.stack([a] * len(clips.label)), no_draws(config.model))
-    setting = Setting(config, scales, PARENTS)
+    setting = Setting(dataclasses.replace(config, matmul="float32"), scales, PARENTS)
     mine = float(jax.jit(lambda p: batch_loss(p, clips, few, LATE, setting)[0])(params))
     other = alone()
     print(f"loss without dropout: zeggs-jax {mine:.6f}, PyTorch {other:.6f}")
@@ -176,6 +178,7 @@ def main() -> None:
     parser.add_argument("--sizes", choices=("paper", "demo"), default="paper")
     for name, default in (("batch", 8), ("window", 64), ("example", 256), ("repeats", 5)):
         parser.add_argument(f"--{name}", type=int, default=default)
+    parser.add_argument("--matmul", choices=("float32", "bfloat16"), default="float32", help="our matrix products")
     parser.add_argument("--device", default="cpu", help="where PyTorch runs; JAX takes its own default")
     parser.add_argument("--alone", action="store_true", help="memory and compilation of each side by itself")
     parser.add_argument("--side", choices=("jax", "torch"), help="what --alone gives its processes")
@@ -184,6 +187,7 @@ def main() -> None:
         each_alone([word for word in sys.argv[1:] if word != "--alone"])
         return
     config = importlib.import_module("02_synthetic").DEMO if args.sizes == "demo" else TrainConfig()
+    config = dataclasses.replace(config, matmul=args.matmul)
     clips, scales = make_batch(config, args.batch, args.window, args.example)
     if args.side:
         alone(args.side, config, clips, scales, args.device)

@@ -15,6 +15,7 @@ from typing import Any
 import jax
 import numpy as np
 import optax
+from jax.sharding import Mesh
 
 from ..data import windows
 from ..data.augment import mirror_of
@@ -79,7 +80,7 @@ def train(
         made = windows.batch(arrays, config.seed, k, config.windows, share=devices.share(), resident=config.resident)
         return devices.split(made, mesh)
 
-    packed = devices.replicate(windows.pack(arrays), mesh) if config.resident else None
+    packed = _on_device(arrays, mesh) if config.resident else None
     task = loop.Task(
         make_step(loss_fn(setting), transform, config.seed, config.accumulate, config.ema, packed),
         batch,
@@ -89,6 +90,16 @@ def train(
     )
     plan = loop.Plan(**{name: getattr(config, name) for name in loop.Plan._fields if name != "title"})
     return loop.fit(state, task, out, plan, progress)
+
+
+def _on_device(arrays: Prepared, mesh: Mesh) -> windows.Piece:
+    """The packed corpus on every device; ValueError where there is no room for it."""
+    packed = windows.pack(arrays)
+    try:
+        return jax.block_until_ready(devices.replicate(packed, mesh))
+    except jax.errors.JaxRuntimeError as error:
+        size = sum(x.nbytes for x in packed) / 1e9
+        raise ValueError(f"the corpus of {size:.1f} GB does not fit on the device: leave out resident.") from error
 
 
 def optimiser(config: TrainConfig) -> optax.GradientTransformation:
