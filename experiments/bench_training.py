@@ -4,7 +4,7 @@
     python experiments/bench_training.py --batch 32 --window 256 --example 384 --repeats 3
     taskset -c 0 python experiments/bench_training.py --batch 8 --window 64 --example 256
     python experiments/bench_training.py --sizes demo --batch 16 --window 75 --example 180
-    taskset -c 0 python experiments/bench_training.py --matmul bfloat16 --batch 32 --window 256 --example 384 --repeats 3
+    taskset -c 0 python experiments/bench_training.py --matmul bfloat16 --batch 32 --window 256 --example 384
     python experiments/bench_training.py --alone --batch 32 --window 256 --example 384
 
 Both sides do the whole update: encoders with dropout, decoder in closed loop, kinematics, 17 terms and the divergence,
