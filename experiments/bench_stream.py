@@ -22,6 +22,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +44,7 @@ def paper_model():
     return m.Model(config, params, scales, g.bundled_model().skeleton)
 
 
-def session_of(model, precision="float32"):
+def session_of(model, precision: Any = "float32"):
     """A session in a style that is a random point."""
     from zeggs_jax.zeroeggs.examples import bundled
     from zeggs_jax.zeroeggs.stream import StreamSession
@@ -51,7 +52,7 @@ def session_of(model, precision="float32"):
     return StreamSession(model, point(model), first_pose=str(bundled()["neutral"]), precision=precision)
 
 
-def point(model) -> np.ndarray:
+def point(model) -> Any:
     return np.random.default_rng(0).normal(size=model.config.style_size).astype(np.float32)
 
 
@@ -169,9 +170,7 @@ def main() -> None:
     for precision in asked.precision:
         session = session_of(model, precision)
         least, most = session.latency
-        print(
-            f"{precision}: latency {1e3 * least:.1f} to {1e3 * most:.1f} ms, {session.rate:g} frames a second"
-        )
+        print(f"{precision}: latency {1e3 * least:.1f} to {1e3 * most:.1f} ms, {session.rate:g} frames a second")
         latencies(session, 1.0, False)
         for paced in (False, True):
             took = 1e3 * latencies(session, asked.seconds, paced)

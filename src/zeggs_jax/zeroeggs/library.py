@@ -7,6 +7,7 @@ stay in (ZeroEGGS Sec. 5.2). A style saved alone is a library of one entry.
 from importlib.resources import files
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
@@ -41,7 +42,7 @@ def is_bundled(model: Model) -> bool:
 
 def points(library: Library) -> Float[Array, "N Z"]:
     """The means of all entries: what principal components and the cloud are fitted on."""
-    return jnp.asarray(np.stack([entry.distribution.mean for entry in library.entries]))
+    return jax.device_put(np.stack([np.asarray(entry.distribution.mean) for entry in library.entries]))
 
 
 def names(library: Library) -> tuple[str, ...]:
