@@ -1,6 +1,9 @@
 """The live page in a real browser: real speech goes over a socket, the browser shows the frames that come back."""
 
+import base64
+import io
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -8,6 +11,7 @@ import time
 import urllib.request
 from contextlib import ExitStack
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import soundfile
@@ -15,6 +19,7 @@ import soundfile
 from zeggs_jax.zeroeggs import generate as g
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FIGURES = r"live · [1-9]\d* frames a second · 633 ms behind the voice · \d+ left out"
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="needs Chromium")]
 
 
@@ -24,7 +29,7 @@ def soon(look, seconds=120.0):
         try:
             if found := look():
                 return found
-        except (OSError, ValueError):
+        except (OSError, ValueError, LookupError):  # not there yet
             pass
         time.sleep(0.1)
     raise AssertionError(f"nothing came within {seconds:g} s")
@@ -65,15 +70,18 @@ def test_the_page_moves_with_the_voice(running, tmp_path):
         client.connect(f"ws://{address}/", ping_interval=None) as voice,
     ):
 
-        def ask(expression):
-            browser.send(
-                json.dumps(
-                    {"id": 1, "method": "Runtime.evaluate", "params": {"expression": expression, "returnByValue": True}}
-                )
-            )
+        def order(method, **params):
+            browser.send(json.dumps({"id": 1, "method": method, "params": params}))
             while (answer := json.loads(browser.recv(120))).get("id") != 1:
                 pass
-            return answer["result"]["result"].get("value")
+            return answer["result"]
+
+        def ask(expression):
+            return order("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+
+        def picture():
+            """What the browser shows of the figure: [H, W, 3]."""
+            return plt.imread(io.BytesIO(base64.b64decode(order("Page.captureScreenshot", format="png")["data"])))
 
         soon(lambda: ask("document.documentElement.dataset.ready") == "canvas")
         before = np.array(ask("[...live.figure.place]"))
@@ -83,7 +91,10 @@ def test_the_page_moves_with_the_voice(running, tmp_path):
             voice.send(samples[at : at + rate // 20].tobytes())
             time.sleep(0.05)
         soon(lambda: ask("live.state.frames") > 20)
+        shown = picture()
+        soon(lambda: (np.abs(picture() - shown).max(-1) > 0.2).mean() > 1e-3)  # it moves in the picture too
         soon(lambda: ask("$('style').value") == "old")
+        soon(lambda: re.fullmatch(FIGURES, ask("$('state').textContent")))
         after = np.array(ask("[...live.figure.place]"))
     assert np.isfinite(after).all()
     assert 0.01 < np.abs(after - before).max() < 3.0  # metres

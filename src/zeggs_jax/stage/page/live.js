@@ -118,7 +118,7 @@ class Voice {
 function main() {
   const figure = dressed(new LiveFigure(scene)), room = { tall: figure.tall, wide: figure.wide };
   const look = { dark: 0, line: [0, 0, 0] }, scheme = matchMedia("(prefers-color-scheme: dark)");
-  const state = { open: false, frames: 0, dropped: 0, rate: 0, heard: 0, last: 0 };
+  const state = { open: false, frames: 0, dropped: 0, latency: 0, last: 0, told: performance.now() };
   let canvas = $("canvas"), renderer, dirty = true, socket = null, before = performance.now();
   const redraw = () => { dirty = true; }, say = text => { $("said").textContent = text; };
 
@@ -127,7 +127,7 @@ function main() {
   const send = data => { if (socket?.readyState === 1 && socket.bufferedAmount < 1 << 20) socket.send(data); };
   const voice = new Voice(send);
   const hear = {
-    joints: told => { state.rate = told.rate; say(`${Math.round(told.latency[1] * 1000)} ms behind the voice`); },
+    joints: told => { state.latency = told.latency[1]; state.dropped = 0; },
     frame: told => { figure.hear(told); state.frames++; },
     style: told => { $("style").value = told.style; if (told.at !== undefined) say(`turning to ${told.style}`); },
     dropped: told => { state.dropped += told.dropped; },
@@ -168,12 +168,13 @@ function main() {
     }
     requestAnimationFrame(frame);
   }
-  function tell() {
-    const came = state.frames - state.last;
-    state.last = state.frames;
-    document.body.classList.toggle("live", state.open && came > 0);
-    const left = state.dropped ? ` · ${state.dropped} left out` : "";
-    $("state").lastElementChild.textContent = !state.open ? "not connected" : came ? `live · ${came} frames a second${left}` : `waiting for speech${left}`;
+  function tell() {                                      // the figures, about once a second
+    const now = performance.now(), pace = (state.frames - state.last) * 1000 / (now - state.told);
+    state.last = state.frames; state.told = now;
+    document.body.classList.toggle("live", state.open && pace > 0);
+    const figures = [pace ? `live · ${Math.round(pace)} frames a second` : "waiting for speech",
+      `${Math.round((state.latency + HELD) * 1000)} ms behind the voice`, `${state.dropped} left out`];
+    $("state").lastElementChild.textContent = state.open ? figures.join(" · ") : "not connected";
   }
 
   // -------------------------------------------------------------- controls
