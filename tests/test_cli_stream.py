@@ -3,7 +3,9 @@
 import io
 import json
 import queue
+import signal
 import socket
+import subprocess
 import sys
 import types
 import urllib.error
@@ -161,6 +163,30 @@ def test_a_terminal_is_no_speech(zeggs, monkeypatch):
     status, _, err = zeggs("stream")
     assert status == 2
     assert "pipe raw PCM" in err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="interrupted by a signal")
+def test_interrupted_while_it_waits_for_samples_it_stops():
+    """As Ctrl-C does while the reading thread waits; in a process of its own, as the end of Python is what can fail."""
+    code = (
+        "import sys, time; from zeggs_jax.cli import hearing\n"
+        "ear = hearing.Ear(16000); hearing.listen(ear, hearing.pcm(hearing.stdin(), 's16', 1))\n"
+        "try: print(len(ear.take(60)[0][0]), flush=True); time.sleep(60)\n"
+        "except KeyboardInterrupt: sys.exit(130)"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stdin
+        assert process.stdout
+        process.stdin.write(bytes(200))
+        process.stdin.flush()
+        assert int(process.stdout.readline()) == 100
+        process.send_signal(signal.SIGINT)
+        status = process.wait(60)
+        assert process.stderr
+        told = process.stderr.read()
+    assert (status, told) == (130, b"")
 
 
 def test_no_microphone_is_one_sentence(zeggs, monkeypatch):

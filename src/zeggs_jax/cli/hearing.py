@@ -5,7 +5,6 @@ import queue
 import sys
 import threading
 import time
-import typing
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Literal
@@ -64,7 +63,7 @@ def listen(ear: Ear, samples: Iterator[np.ndarray]) -> None:
     threading.Thread(target=run, daemon=True).start()
 
 
-def pcm(pipe: io.BufferedIOBase, form: Form, channels: int) -> Iterator[np.ndarray]:
+def pcm(pipe: io.BufferedIOBase | io.RawIOBase, form: Form, channels: int) -> Iterator[np.ndarray]:
     """Little-endian samples of a pipe as they come, channels averaged; ValueError for one that ends within a sample."""
     dtype = {"s16": np.dtype("<i2"), "f32": np.dtype("<f4")}[form]
     width, rest = dtype.itemsize * channels, b""
@@ -137,8 +136,11 @@ def microphone(ear: Ear, device: str, note: Callable[[str], None]) -> Any:
     return stream
 
 
-def stdin() -> io.BufferedIOBase:
-    """Standard input as bytes; a ValueError where somebody would have to type them."""
+def stdin() -> io.RawIOBase:
+    """Standard input as bytes; a ValueError where somebody would have to type them.
+
+    Unbuffered: a thread that waits within a buffer holds its lock, and Python aborts when it ends then (Ctrl-C).
+    """
     if sys.stdin is None or sys.stdin.isatty():
         raise ValueError("no samples are piped in; pipe raw PCM, or give 'microphone', 'socket' or a recording.")
-    return typing.cast(io.BufferedIOBase, sys.stdin.buffer)
+    return io.FileIO(sys.stdin.fileno(), closefd=False)
