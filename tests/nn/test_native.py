@@ -18,7 +18,7 @@ rng = np.random.default_rng(0)
 for rows, columns in ((1, 1), (9, 130), (33, 257)):
     for kind in ("bfloat16", "int8"):
         weight = reduced.reduce(rng.normal(size=(rows, columns)).astype(np.float32), kind)
-        x = rng.normal(size=columns).astype(np.float32)
+        x = rng.normal(size=(columns, 3)).astype(np.float32)
         expected = np.asarray(reduced.restore(weight), np.float64) @ x
         np.testing.assert_allclose(reduced.product(weight, jnp.asarray(x)), expected, atol=1e-4)
 """

@@ -43,7 +43,7 @@ class Folded(NamedTuple):
     """
 
     given: Product  # (4H, S + Z), with the biases of both layers
-    gaze: Float[Array, "W 3"]
+    gaze: Float[Array, "W 3"] | Reduced
     gaze_in: Scale
     embedded: Float[Array, "G H"] | Reduced  # the dense layer's output to the first gates
     layers: tuple[Product, ...]  # (6H, H): the next layer's gates, then what its own state adds to its next gates;
@@ -162,7 +162,7 @@ def _frame(
     inputs = before[-1][:gates] + told
     if config.facing:
         seen = scale.apply(folded.gaze_in, jax.vmap(poses.gaze_direction, -1)(state.root, target))
-        inputs += folded.gaze @ seen.T
+        inputs += product(folded.gaze, seen.T)
     ahead = product(folded.embedded, jax.nn.elu(inputs[: config.hidden])) + inputs[config.hidden :]
     hidden, products = [], []
     for layer, own, last in zip(folded.layers, before, state.hidden, strict=True):
