@@ -343,15 +343,16 @@ def test_a_page_that_is_behind_gets_whole_frames_and_is_told_how_many_not(served
         (waiting,) = made._clients.values()
         with waiting.mutex:  # the page stands still
             for number in range(5):
-                waiting.queue.append({"frame": number})
+                waiting.queue.append({"frame": number, "turns": [[number] * 4] * 75})
             waiting.not_empty.notify()
         for number in range(5, 400):
-            made.tell({"frame": number})
+            made.tell({"frame": number, "turns": [[number] * 4] * 75})
         made.tell({"end": 400})
         told = []
         while "end" not in (message := json.loads(page.recv(10))):
             told.append(message)
     assert [one["frame"] for one in by_kind(told, "frame")] == sorted(one["frame"] for one in by_kind(told, "frame"))
+    assert all(one["turns"] == [[one["frame"]] * 4] * 75 for one in by_kind(told, "frame"))  # none is torn
     left_out = sum(one["dropped"] for one in by_kind(told, "dropped"))
     assert left_out + len(by_kind(told, "frame")) + waiting.left_out == 400
     assert notes.empty() or "left out" in notes.get()
