@@ -114,9 +114,9 @@ def heard(path: Path, loudness: float, told: dict[str, Any]) -> list[np.ndarray]
             )
         samples = np.frombuffer(file.readframes(file.getnframes()), "<i2") / 32768.0
     rows = speech_rows(samples * 10.0 ** ((how["loudness"] - loudness) / 20.0), told)
-    seen = told["inputs"][0]["shape"][0]
-    rows = np.pad(rows, ((seen // 2, seen // 2), (0, 0)), mode="edge")
-    return [rows[t : t + seen] for t in range(1, len(rows) - seen + 1)]
+    behind, ahead = told["seen"]["behind"], told["seen"]["ahead"]
+    rows = np.pad(rows, ((behind, ahead), (0, 0)), mode="edge")
+    return [rows[t : t + behind + 1 + ahead] for t in range(1, len(rows) - behind - ahead)]
 
 
 def main() -> None:

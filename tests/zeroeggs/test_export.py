@@ -40,10 +40,11 @@ def wave(clips):
 
 def engine(run, told, wave):
     """What an engine makes of a recording with the recipe of the example; nothing of the package is called."""
-    seen = told["inputs"][0]["shape"][0]
     rows = exported_step.speech_rows(wave * wav.gain(wav.loudness(wave)), told)
-    rows = np.pad(rows, ((seen // 2, seen // 2), (0, 0)), mode="edge")
-    return exported_step.perform(run, told, [rows[t : t + seen] for t in range(1, len(rows) - seen + 1)])
+    behind, ahead = told["seen"]["behind"], told["seen"]["ahead"]
+    rows = np.pad(rows, ((behind, ahead), (0, 0)), mode="edge")
+    spectra = [rows[t : t + behind + 1 + ahead] for t in range(1, len(rows) - behind - ahead)]
+    return exported_step.perform(run, told, spectra)
 
 
 def assert_as_synthesized(found, gesturer, request_of, wave):

@@ -70,7 +70,8 @@ def step(model: Model, request: Request) -> Step:
         turns, places = features.joints(jax.tree.map(lambda a: a[0], made), middle)
         return (*jax.tree.leaves(after), turns, places[0])
 
-    spectrum = np.zeros((config.speech.kernel, config.features.size), np.float32)
+    silence = speech_features.level(np.zeros((1, config.features.mels)), config.features)
+    spectrum = np.tile(speech_features.with_energy(silence, config.features), (config.speech.kernel, 1))
     arrays = [np.asarray(a, np.float32) for a in (spectrum, point, target, *leaves)]
     start = dict(zip((*NAMES, *names), arrays, strict=True))
     outputs = (*(f"next_{name}" for name in names), "turns", "place")  # ONNX wants other names than the inputs'
@@ -111,6 +112,7 @@ def describe(made: Step, model: Model) -> dict[str, Any]:
         "check": {"frames": CHECKED, "turns": turns.tolist(), "place": place.tolist()},
         "rate": bvh.rate_hz(config.frame_time),
         "ahead": config.speech.ahead,  # rows of the spectrum that come later than the frame
+        "seen": {"behind": config.speech.behind, "ahead": config.speech.ahead},
         "joints": list(model.skeleton.names),
         "parents": list(model.skeleton.parents),
         "offsets": np.round(np.asarray(model.skeleton.offsets, np.float64), 5).tolist(),
