@@ -182,7 +182,7 @@ def test_the_paper_waits_275_to_288_ms(gesturer):
 def test_a_look_ahead_cut_short_repeats_the_last_row_known(begin, gesturer, clips, points, wave, loudness):
     """Frame t of the stream is frame t of speech whose row t + L is held from there on."""
     session = begin(loudness=loudness, lookahead=2)
-    made = streamed(session, wave, [1000])
+    made = streamed(session, wave, [6000])  # more at once than a frame waits for
     rows = np.asarray(g.read_speech(wave, gesturer))
     start = g.starting_pose(Request(first_pose=str(clips / "old.bvh")), [], gesturer)
     run, first = synthesis.ready(gesturer), jax.tree.map(lambda a: a[0], start.pose)
