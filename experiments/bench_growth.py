@@ -4,9 +4,9 @@
 
 The paper's sizes and random weights but for what varies; every point runs in a process of its own, after one that
 compiled for it. Time is that of the processors, which other work slows too where it shares their caches and memory: the
-median of five runs, or the one where it takes longer than 2 s. Memory is the most that is resident during the runs, and what was
-resident before all: Python, JAX and the weights. An hour at 60 Hz takes some minutes; stop it and run it again to go
-on. Needs Linux, whose /proc tells the peak of a part of a process.
+median of five runs, or the one where it takes longer than 2 s. Memory is the most that is resident during the runs, and
+what was resident before all: Python, JAX and the weights. An hour at 60 Hz takes some minutes; stop it and run it again
+to go on. Needs Linux, whose /proc tells the peak of a part of a process.
 """
 
 import argparse
