@@ -97,11 +97,14 @@ def test_batches_of_columns(kernel, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_many_columns_are_rounded_to_bfloat16(kernel, kind):
+def test_many_columns_are_rounded_to_bfloat16_where_that_pays(kernel, monkeypatch, kind):
+    monkeypatch.setattr(native, "multiplies_bfloat16", lambda: True)
     weight, x = reduced.reduce(matrix(33, 70), kind), vectors(70, reduced.MANY)
     y = reduced.product(weight, jnp.asarray(x))
     check_product(weight, x, y, 2.0**-9 + ROUNDING)
     check_product(weight, np.asarray(jnp.asarray(x, jnp.bfloat16), np.float32), y)
+    monkeypatch.setattr(native, "multiplies_bfloat16", lambda: False)
+    check_product(weight, x, reduced.product(weight, jnp.asarray(x)))
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -9,6 +9,7 @@ import pytest
 from jax import monitoring
 
 from zeggs_jax.motion.features import Motion
+from zeggs_jax.nn import reduced
 from zeggs_jax.zeroeggs import generate as g
 from zeggs_jax.zeroeggs import model as m
 from zeggs_jax.zeroeggs import synthesis as s
@@ -85,6 +86,29 @@ def test_many_are_each_alone_in_their_order(clip, model):
         assert len(poses.joint_pos) == len(one.spectrum)
         close(poses, s.synthesize(model, *one))
     assert s.synthesize_many(model, []) == []
+
+
+def test_more_clips_than_are_decoded_at_once(clip, model):
+    clips = [told(clip, 3, seed) for seed in range(s.WIDTHS[-1] + 1)]
+    for number, poses in enumerate(s.synthesize_many(model, clips)):
+        if number % 16 == 0:
+            close(poses, s.synthesize(model, *clips[number]))
+
+
+@pytest.mark.parametrize("precision", ["bfloat16", "int8"])
+@pytest.mark.parametrize("count", [2, 5])
+def test_many_with_weights_of_fewer_bytes_are_near_each_alone(build, monkeypatch, precision, count):
+    """Two clips by the kernel, where there is one; five, filled up to eight, in bfloat16 where that pays."""
+    monkeypatch.setattr(reduced, "SMALLEST", 64)
+    small = build("normal")
+    params = small.params | {"decoder": jax.tree.map(lambda a: 0.7 * a, small.params["decoder"])}
+    model = m.Model(small.config, params, small.scales, None)  # pyright: ignore
+    clips = [told(small, 9, seed) for seed in range(count)]
+    for one, poses in zip(clips, s.synthesize_many(model, clips, precision), strict=True):
+        exact = s.synthesize(model, *one)
+        apart = np.abs(poses.joint_axes - exact.joint_axes).max()
+        assert 0 < apart < 0.1
+        assert np.abs(poses.joint_axes - s.synthesize(model, *one, precision).joint_axes).max() < 0.05
 
 
 def test_a_model_is_made_ready_once_and_another_is_not_taken_for_it(clip, model):

@@ -55,6 +55,7 @@ def stream(
     """
     places = [listeners.address(where) for where in to if where != "-"]
     _check(source, rate, channels, late, any(scheme == "ws" for scheme, _, _ in places))
+    from ..nn import reduced
     from ..zeroeggs import generate as g
     from ..zeroeggs.broadcast import Broadcast
     from ..zeroeggs.stream import StreamSession
@@ -72,6 +73,8 @@ def stream(
         rate_hz=rate,
         precision=precision,
     )
+    for note in reduced.notes(precision):
+        print(f"zeggs: note: {note}", file=sys.stderr)
     show = shows.Show(session, Broadcast(session), asked, style)
     try:
         if "-" in to or not to:

@@ -30,6 +30,8 @@ class WindowConfig:
 
     def __post_init__(self) -> None:
         low, high = self.example
+        if self.window < 2:
+            raise ValueError(f"Windows of {self.window} frames show no movement; give at least 2.")
         if not 0 < self.window <= low <= high or low % 2 or high % 2 or self.batch < 1:
             raise ValueError(
                 f"Windows of {self.window} frames with examples of {low} to {high} do not fit; give examples "

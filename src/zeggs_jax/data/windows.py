@@ -104,7 +104,7 @@ def batch(
 
 def pack(prepared: Prepared) -> Piece:
     """All frames of the corpus and a row of zeros, for the device."""
-    return Piece(*(np.concatenate([x, np.zeros_like(x[:1])]).astype(np.float32) for x in _arrays(prepared)))
+    return Piece(*(np.concatenate([x, np.zeros_like(x[:1])], dtype=np.float32) for x in _arrays(prepared)))
 
 
 def gather(packed: Piece, located: Located) -> Piece:

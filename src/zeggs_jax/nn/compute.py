@@ -14,14 +14,13 @@ Matmul = Literal["float32", "bfloat16"]
 class Compute(NamedTuple):
     """What changes how a result is computed, but not what is computed; nothing of it belongs to the parameters.
 
-    With "bfloat16" the operands of every matrix product and convolution are rounded to bfloat16, and the products
-    summed and kept in float32; state, losses and optimiser stay in float32. It pays where the processor multiplies
-    bfloat16: GPUs, and CPUs with instructions for it; on others it costs time.
+    With "bfloat16" the operands of every matrix product and convolution, but for the decoder's weight gradients, are
+    rounded to bfloat16, and the products summed and kept in float32; state, losses and optimiser stay in float32. It
+    pays where the processor multiplies bfloat16: GPUs, and CPUs with instructions for it; on others it costs time.
     """
 
     matmul: Matmul = "float32"
     remat: bool = False  # the backward pass computes each frame of the decoder again: less memory, more time
-    unroll: int = 1  # frames of the decoder per turn of its loop
 
 
 PLAIN = Compute()

@@ -39,9 +39,7 @@ def scan(step: Step, params: Any, carry: Any, xs: Any, compute: Compute = PLAIN)
             carry, y, inputs = step(_with(params, held, bias), carry, x)
             return carry, (y, _leaves(inputs, "weight"))
 
-        carry, (ys, inputs) = jax.lax.scan(
-            jax.checkpoint(body, policy=keep, prevent_cse=False), carry, (xs, repeated), unroll=compute.unroll
-        )
+        carry, (ys, inputs) = jax.lax.scan(jax.checkpoint(body, policy=keep, prevent_cse=False), carry, (xs, repeated))
         return (carry, ys), inputs
 
     outputs, pull, inputs = jax.vjp(run, *jax.lax.stop_gradient((carry, xs, repeated)), has_aux=True)

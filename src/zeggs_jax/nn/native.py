@@ -34,9 +34,14 @@ def problem() -> str | None:
         return f"weights of fewer bytes are for CPUs and JAX runs on {jax.default_backend()}: float32 is used."
     try:
         _register(library(cache_folder()))
-    except OSError as error:
+    except (OSError, ValueError) as error:
         return f"the kernel for weights of fewer bytes cannot be had ({error}): they are as slow as float32."
     return None
+
+
+def multiplies_bfloat16() -> bool:
+    """Whether the CPU has instructions for products of bfloat16."""
+    return not {"amx_bf16", "avx512_bf16"}.isdisjoint(_instructions().split())
 
 
 def call(target: str, weight: Array, *arrays: Array) -> Float[Array, "N B"]:

@@ -35,7 +35,7 @@ def reduce(weight: Float[ArrayLike, "N K"], kind: Kind) -> Reduced:
         ValueError: no matrix, entries that are not finite, more columns than the kernel can sum, an unknown kind.
     """
     array = np.asarray(weight, np.float32)
-    if array.ndim != 2 or not np.isfinite(array).all():
+    if array.ndim != 2 or not array.size or not np.isfinite(array).all():
         raise ValueError(f"a weight of shape {array.shape} cannot be reduced; give a finite matrix [N, K].")
     if array.shape[1] > native.MOST_COLUMNS:
         raise ValueError(
@@ -85,13 +85,14 @@ def notes(precision: Precision) -> tuple[str, ...]:
 def product(weight: Array | Reduced, x: Float[Array, "K B"]) -> Float[Array, "N B"]:
     """`weight @ x`; a reduced weight is read once for all columns.
 
-    Of `MANY` columns and more the entries are rounded to bfloat16: then processors multiply several times as fast.
+    Of `MANY` columns and more the entries are rounded to bfloat16, where the processor multiplies that several times as
+    fast.
     """
     if not isinstance(weight, Reduced):
         return weight @ x
     if native.problem():
         return _restored(*weight, x)
-    if x.shape[1] >= MANY:
+    if x.shape[1] >= MANY and native.multiplies_bfloat16():
         return _many(*weight, x)
     kernel = _rounded_product if weight.scale is None else _scaled_product
     return jax.lax.platform_dependent(*weight, x, cpu=kernel, default=_restored)

@@ -1,7 +1,7 @@
 """The objective of training (Sec. 3.5): one clip unrolled in closed loop, Eq. 2 over a batch, with its randomness.
 
-Written for one clip and batched by `jax.vmap`; all randomness of a clip comes from its own key, so that a batch gives
-the same numbers at once, in parts and on several devices.
+Encoders and terms are written for one clip and batched, the decoder's loop for the batch. A clip's randomness comes
+from its own key, so that a batch gives the same numbers at once, in parts and on several devices.
 """
 
 from functools import partial

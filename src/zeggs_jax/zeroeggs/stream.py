@@ -47,7 +47,8 @@ class StreamSession:
     """One body that gestures to one voice; memory does not grow, however long it goes on.
 
     `frame` is the number of the next pose (its time is frame / rate), `dropped` how many were left out, `clipped` how
-    many samples were at full scale or beyond. After a ValueError a session goes on as if the call had not been made.
+    many samples were at full scale or beyond. After a ValueError a session goes on as if the call had not been made;
+    only motion that is not finite, which a broken checkpoint makes, ends it.
     """
 
     def __init__(
@@ -217,6 +218,7 @@ class StreamSession:
             pieces.append(self._advance(CHUNK if whole else 1))
         made = jax.tree.map(lambda *parts: np.concatenate(parts), *pieces)
         if not all(np.isfinite(part).all() for part in jax.tree.leaves(made)):
+            self._ended = True
             raise ValueError("the model made motion that is not finite; check its checkpoint and the style.")
         return made
 

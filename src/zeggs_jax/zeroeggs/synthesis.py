@@ -57,9 +57,10 @@ def ready(model: Model, precision: Precision = "float32") -> Ready:
         ValueError: reduced weights of a decoder that has no folded form.
     """
     arrays, config = jax.tree.leaves((model.params, model.scales)), model.config
-    for kept in _KEPT:
+    for number, kept in enumerate(_KEPT):
         same = (kept.config, kept.precision, len(kept.arrays)) == (config, precision, len(arrays))
         if same and all(a is b for a, b in zip(kept.arrays, arrays, strict=True)):
+            _KEPT.append(_KEPT.pop(number))
             return kept.ready
     form = None
     if folded.fits(config.decoder) or precision != "float32":
@@ -158,7 +159,10 @@ def synthesize(
 
 
 def synthesize_many(model: Model, told: Sequence[Told], precision: Precision = "float32") -> list[Pose]:
-    """As `synthesize` of each, to rounding, many at once: clips of like length together, at most 32."""
+    """As `synthesize` of each, to rounding, many at once: clips of like length together, at most 32.
+
+    With weights of fewer bytes, five clips and more have their activations rounded to bfloat16 too.
+    """
     made: dict[int, Pose] = {}
     order = sorted(range(len(told)), key=lambda number: len(told[number].spectrum))
     for start in range(0, len(order), WIDTHS[-1]):

@@ -157,7 +157,7 @@ def _forward(config: DecoderConfig, compute: Compute, weights: Any, units: Units
         return (vector, root, tuple(after)), (Made(vector, root), Kept(dense, hidden, tuple(gates), rows))
 
     start = course.vector, course.root, course.hidden
-    return jax.lax.scan(frame, start, (course.given, course.target), unroll=compute.unroll)[1]
+    return jax.lax.scan(frame, start, (course.given, course.target))[1]
 
 
 def _cell(weights: Any, below: Array, hidden: Array) -> tuple[Array, Gates]:
@@ -232,7 +232,7 @@ def _backward(
         return (vector, jax.tree.map(jnp.add, root, turn), tuple(hidden[::-1])), (given, target, rows)
 
     end = jax.tree.map(lambda a: jnp.zeros_like(a[0]), (frames.vector, frames.root, frames.hidden))
-    start, (given, target, rows) = jax.lax.scan(frame, end, frames, reverse=True, unroll=compute.unroll)
+    start, (given, target, rows) = jax.lax.scan(frame, end, frames, reverse=True)
     vector, root, hidden = start
     return Course(vector, root, hidden, given, target), rows
 
