@@ -113,7 +113,8 @@ def heard(path: Path, loudness: float, told: dict[str, Any]) -> list[np.ndarray]
                 f"'{path}' is another kind of sound; give a WAV of one channel, 16 bits, {how['rate_hz']} Hz."
             )
         samples = np.frombuffer(file.readframes(file.getnframes()), "<i2") / 32768.0
-    rows = speech_rows(samples * 10.0 ** ((how["loudness"] - loudness) / 20.0), told)
+    gain = 10.0 ** ((how["loudness"] - loudness) / 20.0) if how["normalize_loudness"] else 1.0
+    rows = speech_rows(samples * gain, told)
     behind, ahead = told["seen"]["behind"], told["seen"]["ahead"]
     rows = np.pad(rows, ((behind, ahead), (0, 0)), mode="edge")
     return [rows[t : t + behind + 1 + ahead] for t in range(1, len(rows) - behind - ahead)]

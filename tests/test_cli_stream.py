@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import types
 import urllib.error
 import urllib.request
@@ -241,6 +242,40 @@ def test_a_stream_that_is_late_says_so_and_drops_whole_frames(show, capsys):
     assert frames == list(range(frames[0], 90))
     assert told[-1] == {"end": 90, "dropped": frames[0]}
     assert f"{frames[0]} frames left out" in capsys.readouterr().err
+
+
+def test_a_stream_that_is_late_in_small_pieces_drops_as_much(show):
+    ear = Ear(16_000)
+    for _ in range(150):  # as a microphone puts them
+        ear.put(np.zeros(320, np.float32))
+    ear.end()
+    show.run(ear, live=True)
+    (told,) = show.listeners
+    (dropped,) = [one for one in by_kind(told, "dropped") if "at" in one]
+    assert dropped["dropped"] > 50
+    assert told[-1] == {"end": 90, "dropped": dropped["dropped"]}
+
+
+def test_a_source_that_fails_is_performed_to_its_end(show):
+    ear = Ear(16_000)
+    ear.put(np.zeros(16_000, np.float32))
+    ear.end(ValueError("the samples end early."))
+    with pytest.raises(ValueError, match="end early"):
+        show.run(ear, live=False)
+    assert show.listeners[0][-1] == {"end": 30, "dropped": 0}
+
+
+def test_a_transition_beyond_all_numbers_is_refused(show):
+    with pytest.raises(ValueError, match="the transition is 1000"):
+        show.session.set_style("old", 10**400)
+    show.ask({"style": "old", "transition": 10**400})
+    ear = Ear(16_000)
+    ear.end()
+    while show._events.empty():
+        time.sleep(0.01)
+    show._events.get()()
+    show.run(ear, live=False)
+    assert any("note" in one for one in show.listeners[0])
 
 
 def test_a_source_that_waits_loses_nothing(show):

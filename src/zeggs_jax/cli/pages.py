@@ -54,10 +54,19 @@ class Pages:
         with self._lock:
             self._first = message if "joints" in message else self._first
             for waiting in self._clients.values():
-                if "frame" not in message or waiting.qsize() < WAITING:
-                    waiting.put(message)
-                else:
-                    waiting.left_out += 1
+                if "frame" in message:
+                    behind = waiting.qsize() >= WAITING or (waiting.left_out and waiting.qsize())
+                    if behind:
+                        waiting.left_out += 1
+                        continue
+                    self._tell_left_out(waiting, message["frame"])
+                waiting.put(message)
+
+    def _tell_left_out(self, waiting: Any, frame: int) -> None:
+        if waiting.left_out:
+            waiting.put({"dropped": waiting.left_out, "at": frame})
+            self._note(f"a page is too slow: {waiting.left_out} frames were left out for it.")
+            waiting.left_out = 0
 
     def close(self) -> None:
         """Lets the pages have what is queued, for a second, and ends."""
@@ -107,10 +116,6 @@ class Pages:
 
         try:
             while (message := waiting.get()) is not None:
-                if waiting.left_out and "frame" in message:
-                    left_out, waiting.left_out = waiting.left_out, 0
-                    connection.send(line({"dropped": left_out, "at": message["frame"]}))
-                    self._note(f"a page is too slow: {left_out} frames were left out for it.")
                 connection.send(line(message))
         except (ConnectionClosed, OSError):  # the page has gone; the others stay
             pass
@@ -135,6 +140,8 @@ class Pages:
             if not 1000 <= float(wish["rate"]) <= 400_000:
                 raise ValueError
             return float(wish["rate"])
-        except (ValueError, TypeError):
-            self._note(f'{message[:40]!r} from a page is not understood; send {{"style": NAME}} or {{"rate": HZ}}.')
+        except (ValueError, TypeError, OverflowError):
+            self._note(
+                f'a message from a page is not understood ({message[:40]!r}); send {{"style": NAME}} or {{"rate": HZ}}.'
+            )
             return rate

@@ -5,8 +5,11 @@ import queue
 import sys
 import threading
 import time
+from itertools import groupby
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from . import hearing, listeners, pages
 from .hearing import Ear, Form
@@ -63,24 +66,46 @@ class Show:
         self.tell(self.cast.body())
         self.tell({"style": self.style})
         most = max(math.ceil(LATE_S * self.session.rate), 1) if live else None
+        try:
+            self._hear(ear, most)
+        except KeyboardInterrupt:
+            self._end()
+            raise
+        self._perform(self.session.flush())
+        self._end()
+
+    def _end(self) -> None:
+        self.tell({"end": self.session.frame, "dropped": self.session.dropped})
+
+    def _take(self, ear: Ear) -> list[tuple[np.ndarray, float | int]] | None:
+        """What has come; where the source fails, all that it said is still performed."""
+        try:
+            return ear.take(0.02)
+        except (ValueError, OSError):
+            self._perform(self.session.flush())
+            self._end()
+            raise
+
+    def _hear(self, ear: Ear, most: int | None) -> None:
+        """Performs what comes; `most` frames of it at once where the source is live."""
         last, clipped = time.monotonic(), False
-        while (heard := ear.take(0.02)) is not None:
+        while (heard := self._take(ear)) is not None:
             while not self._events.empty():
                 self._events.get()()
             now = time.monotonic()
             if heard:
                 last = now
-            elif live and now - last > hearing.SILENT_S:  # nothing comes: silence, so that the body goes on
+            elif most is not None and now - last > hearing.SILENT_S:  # nothing comes: silence, so that the body goes on
                 self._perform(self.session.gap(now - last, most))
                 last = now
-            for number, (samples, rate_hz) in enumerate(heard):
-                behind = len(heard) - number - 1
-                self._perform(self.session.push(samples, rate_hz, None if most is None else max(most - behind, 1)))
+            pieces = _joined(heard)
+            for number, (samples, rate_hz) in enumerate(pieces):
+                later = sum(len(more) / rate for more, rate in pieces[number + 1 :])
+                room = None if most is None else max(most - math.ceil(later * self.session.rate), 0)
+                self._perform(self.session.push(samples, rate_hz, room))
             if self.session.clipped and not clipped:
                 clipped = True
                 self.note("the speech is clipped: samples are at full scale; turn the input down.")
-        self._perform(self.session.flush())
-        self.tell({"end": self.session.frame, "dropped": self.session.dropped})
 
     def _perform(self, poses: Any) -> None:
         dropped = self.session.dropped - self._told.get("dropped", 0)
@@ -95,9 +120,9 @@ class Show:
         for listener in self.listeners:
             listener.tell(message)
 
-    def note(self, text: str) -> None:
-        """Says something on stderr, each kind at most once a second; any thread may."""
-        kind, now = text[:24], time.monotonic()
+    def note(self, text: str, kind: str = "") -> None:
+        """Says something on stderr, each kind (its first words, if not told) at most once a second; any thread may."""
+        kind, now = kind or text[:24], time.monotonic()
         if now - self._told.get(kind, -OFTEN_S) >= OFTEN_S:
             self._told[kind] = now
             print(f"zeggs: note: {text}", file=sys.stderr)
@@ -109,12 +134,15 @@ class Show:
             try:
                 name, seconds = wish.get("style"), wish.get("transition", 1.0)
                 if not isinstance(name, str) or type(seconds) not in (int, float) or not 0.0 <= seconds < math.inf:
-                    raise ValueError(f'{wish} is no style to turn to; ask for {{"style": NAME, "transition": S}}.')
+                    raise ValueError(
+                        f'{str(wish)[:60]} is no style to turn to; ask for {{"style": NAME, "transition": S}}.'
+                    )
+                seconds = float(seconds)
                 point = self.session.embedding(self._request._replace(styles=(name,)))
                 self._events.put(lambda: self._turn(name, point, seconds))
-            except (ValueError, TypeError, OSError) as error:
-                told = " ".join(str(error).split())
-                self._events.put(lambda: (self.note(told), self.tell({"note": told})))
+            except (ValueError, TypeError, OSError, OverflowError) as error:
+                told = " ".join(str(error).split())[:300]
+                self._events.put(lambda: (self.note(told, "wish"), self.tell({"note": told})))
 
         threading.Thread(target=read, daemon=True).start()
 
@@ -126,3 +154,9 @@ class Show:
     def close(self) -> None:
         for listener in self.listeners:
             listener.close()
+
+
+def _joined(heard: list[tuple[np.ndarray, float | int]]) -> list[tuple[np.ndarray, float | int]]:
+    """The pieces, those of one rate and form in a row as one: only together do they tell how late the stream is."""
+    alike = groupby(heard, lambda one: (one[1], one[0].dtype.char))
+    return [(np.concatenate([samples for samples, _ in same]), rate) for (rate, _), same in alike]

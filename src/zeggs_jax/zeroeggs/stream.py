@@ -33,6 +33,7 @@ from .timeline import Cue, Curve
 
 Style = str | Request | np.ndarray | Array
 NAMELESS = (("style", 1.0),)
+LONGEST_S = 1e6  # of a transition
 ENDED = "the stream was flushed and takes no more; begin a new StreamSession."
 
 
@@ -155,8 +156,8 @@ class StreamSession:
 
         A clip takes its time to be read: `embedding` does that ahead of time, in another thread if need be.
         """
-        if not 0 <= transition_s < np.inf:
-            raise ValueError(f"the transition is {transition_s} s; give 0 or more.")
+        if not 0 <= transition_s <= LONGEST_S:
+            raise ValueError(f"the transition is {str(transition_s)[:20]} s; give 0 to {LONGEST_S:g}.")
         cue = timelines.check(timelines.Timeline((Cue(0.0, NAMELESS, transition_s, curve),))).cues[0]
         to = self.embedding(style)
         self._from = self._styles(np.array([self.frame]))[0]
@@ -174,7 +175,9 @@ class StreamSession:
         """What is asked for, its styles as they were read, and the point that they make."""
         if not isinstance(style, str | Request):
             point, size = np.asarray(style), self.model.config.style_size
-            if point.shape != (size,) or not np.issubdtype(point.dtype, np.floating) or not np.isfinite(point).all():
+            with np.errstate(over="ignore"):
+                finite = np.issubdtype(point.dtype, np.floating) and np.isfinite(point.astype(np.float32)).all()
+            if point.shape != (size,) or not finite:
                 raise ValueError(
                     f"the style is {point.dtype} of shape {point.shape}; this model's are {size} finite numbers."
                 )
