@@ -210,6 +210,26 @@ def test_no_microphone_is_one_sentence(zeggs, monkeypatch):
     assert "no microphone 'desk' can be heard (Error querying device -1)" in err
 
 
+def test_a_microphone_that_goes_away_ends_the_stream(monkeypatch):
+    asked = {}
+
+    def stream(**options):
+        asked.update(options)
+        return types.SimpleNamespace(start=lambda: None)
+
+    monkeypatch.setitem(
+        sys.modules, "sounddevice", types.SimpleNamespace(PortAudioError=Exception, RawInputStream=stream)
+    )
+    ear = Ear(16_000)
+    hearing.microphone(ear, "", print)
+    asked["callback"](np.arange(320, dtype=np.int16).tobytes(), 320, None, None)
+    asked["finished_callback"]()
+    ((samples, rate),) = ear.take(0.1) or []
+    assert (len(samples), rate, asked["samplerate"]) == (320, 16_000, 16_000)
+    with pytest.raises(OSError, match="the microphone has gone"):
+        ear.take(0.1)
+
+
 class Pipe(io.BytesIO):
     """Gives its bytes in pieces of these sizes, over and over."""
 

@@ -126,6 +126,7 @@ def microphone(ear: Ear, device: str, note: Callable[[str], None]) -> Any:
             channels=1,
             dtype="int16",
             callback=heard,
+            finished_callback=lambda: ear.end(OSError("the microphone has gone; plug it in and begin again.")),
         )
         stream.start()
     except (sounddevice.PortAudioError, ValueError) as error:
