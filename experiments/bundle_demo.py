@@ -17,7 +17,7 @@ from zeggs_jax.motion import bvh
 from zeggs_jax.speech import wav
 from zeggs_jax.synthetic import corpus, recording
 from zeggs_jax.synthetic.styles import STYLES
-from zeggs_jax.zeroeggs import library
+from zeggs_jax.zeroeggs import library, style_clip
 from zeggs_jax.zeroeggs.checkpoints import load_model, save_model
 from zeggs_jax.zeroeggs.generate import BUNDLE
 from zeggs_jax.zeroeggs.library import Library
@@ -41,10 +41,10 @@ def say(text: str, path: Path) -> None:
 
 def write_library(path: Path, folder: Path, model: Model) -> None:
     """The corpus's clips and the bundled styles under the model, as the package reads them."""
-    styles = library.embed(list(STYLES), model)
     clips = library.embed_corpus(folder, model)
+    styles = (style_clip.read_clip(BUNDLE / "styles" / f"{name}.bvh", model)._replace(source=name) for name in STYLES)
     startless = (entry._replace(start=None) for entry in clips.entries)
-    library.save(path, Library(styles.model, (*styles.entries, *startless)))
+    library.save(path, Library(clips.model, (*styles, *startless)))
 
 
 def main() -> None:

@@ -73,9 +73,7 @@ def test_embed_then_generate_is_generate(zeggs, folder, tmp_path):
     assert zeggs("embed", "happy", "-o", tmp_path / "happy.npz")[0] == 0
     for style, name in (("happy", "a"), (tmp_path / "happy.npz", "b")):
         assert zeggs("generate", folder / "speech.wav", "--style", style, "-o", tmp_path / f"{name}.bvh")[0] == 0
-    named, saved = ((tmp_path / f"{name}.bvh").read_text().split("Frame Time")[1] for name in "ab")
-    numbers = [np.array(text.split()[1:], float) for text in (named, saved)]
-    np.testing.assert_allclose(*numbers, atol=2e-3)  # a bundled style was encoded before, perhaps on another machine
+    assert (tmp_path / "a.bvh").read_bytes() == (tmp_path / "b.bvh").read_bytes()
 
 
 def test_styles_lists_the_bundled_ones(zeggs):

@@ -242,7 +242,7 @@ def test_the_bundled_library_is_of_the_bundled_model():
 def test_a_bundled_style_comes_from_the_library_as_its_clip_would(monkeypatch):
     model = generate.bundled_model()
     clip = style_clip.read_clip(examples.bundled()["happy"], model)
-    monkeypatch.setattr(examples, "read_clip", None)  # not read again
+    monkeypatch.setattr(embedding, "read_clip", None)  # not read again
     found = examples.read("happy", model)
     for stored, read in zip(
         jax.tree.leaves((found.distribution, found.start)),

@@ -12,7 +12,7 @@ from ..data import corpus
 from ..data.entry import Entry as Take
 from ..motion import bvh
 from .checkpoints import digest
-from .library_file import Library, check, load
+from .library_file import Library, bundled, check, is_bundled, load
 from .model import Model
 from .style_clip import Entry, Frames, bundled_clips, encode, first, fit, near, read_clip
 
@@ -54,13 +54,20 @@ def _embed(source: str | Path, model: Model, cut: Frames | None) -> Sequence[Ent
     if path.suffix == ".npz":
         return load(path, model).entries
     if str(source) in bundled_clips():
-        return [read_clip(bundled_clips()[str(source)], model, cut)._replace(source=str(source))]
+        return [bundled_style(str(source), model, cut)]
     if path.suffix.lower() == ".bvh" or path.exists():
         return [read_clip(path, model, cut)]
     expected = "a bundled style, a .bvh clip, a corpus folder or a library"
     raise ValueError(
         f"unknown style '{source}': expected {expected}; nearest: {near(str(source), list(bundled_clips()))}."
     )
+
+
+def bundled_style(name: str, model: Model, cut: Frames | None = None) -> Entry:
+    """A bundled style by its name: of the bundled model, as it was encoded when that was made; else read now."""
+    if cut is None and is_bundled(model):
+        return next(entry for entry in bundled(model).entries if entry.name == name)
+    return read_clip(bundled_clips()[name], model, cut)._replace(source=name)
 
 
 def embed_corpus(folder: str | Path, model: Model) -> Library:

@@ -5,6 +5,7 @@ from pathlib import Path
 import jax
 
 from . import library as libraries
+from .embedding import bundled_style
 from .library import Library
 from .model import Model, StyleDistribution
 from .style_clip import Entry, Frames, bundled_clips, near, read_clip, read_motion
@@ -34,9 +35,7 @@ def read(source: str | Path, model: Model, frames: Frames | None = None, library
     if library is not None and known:
         return libraries.find(library, name)
     if name in bundled():
-        if frames is None and libraries.is_bundled(model):  # encoded before, with this model
-            return libraries.find(libraries.bundled(model), name)
-        return read_clip(bundled()[name], model, frames)._replace(source=name)
+        return bundled_style(name, model, frames)
     if path.suffix == ".npz":
         found = libraries.load(path, model)
         return libraries.find(found, entry) if entry else libraries.only(found, name)

@@ -4,9 +4,6 @@ What the style space is to a researcher: points to mix, a mean to exaggerate fro
 stay in (ZeroEGGS Sec. 5.2). A style saved alone is a library of one entry.
 """
 
-from importlib.resources import files
-from pathlib import Path
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,30 +11,14 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from ..motion.features import Motion
-from .checkpoints import digest
 from .cloud import nearest
 from .embedding import embed, embed_corpus
-from .library_file import Library, load, owner, save
-from .model import Model, StyleDistribution
+from .library_file import BUNDLED, Library, bundled, is_bundled, load, save
+from .model import StyleDistribution
 from .style_clip import Entry, near
 
 __all__ = ["Entry", "Library", "bundled", "centroid", "embed", "embed_corpus", "find", "is_bundled", "labels", "load"]
-__all__ += ["names", "only", "points", "save", "start_near"]
-
-BUNDLED = Path(str(files("zeggs_jax.zeroeggs") / "pretrained" / "library.npz"))
-
-
-def bundled(model: Model) -> Library:
-    """The library of the bundled model: all clips it was trained on, and the bundled styles with their first poses.
-
-    ValueError for any other model, which has no library until one is made.
-    """
-    return load(BUNDLED, model)
-
-
-def is_bundled(model: Model) -> bool:
-    """Whether it is the bundled model, which has a library of its own."""
-    return owner(BUNDLED) == digest(model)
+__all__ += ["BUNDLED", "names", "only", "points", "save", "start_near"]
 
 
 def points(library: Library) -> Float[Array, "N Z"]:

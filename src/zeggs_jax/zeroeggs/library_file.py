@@ -4,6 +4,7 @@ import os
 import zipfile
 from collections import Counter
 from collections.abc import Mapping
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,6 +18,7 @@ from .model import Model, StyleDistribution
 from .style_clip import Entry
 
 FORMAT = "zeggs style library 1"
+BUNDLED = Path(str(files("zeggs_jax.zeroeggs") / "pretrained" / "library.npz"))
 WHOLE = (-1, -1)  # the frames of a clip that was not cut
 DAMAGED = (KeyError, ValueError, TypeError, IndexError, OSError, EOFError, zipfile.BadZipFile)
 
@@ -69,10 +71,18 @@ def load(path: str | Path, model: Model) -> Library:
     return library
 
 
-def owner(path: Path) -> str:
-    """The digest of the model that a library belongs to."""
-    with np.load(path, allow_pickle=False) as archive:
-        return str(archive["model"])
+def bundled(model: Model) -> Library:
+    """The library of the bundled model: all clips it was trained on, and the bundled styles with their first poses.
+
+    ValueError for any other model, which has no library until one is made.
+    """
+    return load(BUNDLED, model)
+
+
+def is_bundled(model: Model) -> bool:
+    """Whether it is the bundled model, which has a library of its own."""
+    with np.load(BUNDLED, allow_pickle=False) as archive:
+        return str(archive["model"]) == digest(model)
 
 
 def check(library: Library, what: str) -> Library:
